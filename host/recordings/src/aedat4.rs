@@ -34,6 +34,7 @@ pub const FORMAT: FileFormat = FileFormat {
     name: "AEDAT4",
     recognise: |head| head.bytes.starts_with(MAGIC),
     events: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
+    files: |path| vec![path.to_owned()],
     streams: |path, _| other_streams::summarise(path),
     frames: Some(other_streams::visit_frames),
     extras: Some(open_extras),

@@ -24,10 +24,15 @@ pub struct ByteReader {
 impl ByteReader {
     /// Opens the file at `path`.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        Self::with_buffer(path, 1 << 18)
+    }
+
+    /// Opens the file at `path` with a buffer of this size.
+    pub fn with_buffer(path: &Path, buffer: usize) -> Result<Self, RecordingError> {
         let io = |error| RecordingError::io(path, error);
         let file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
-        Ok(Self { path: path.to_owned(), file: BufReader::with_capacity(1 << 18, file), position: 0, length })
+        Ok(Self { path: path.to_owned(), file: BufReader::with_capacity(buffer, file), position: 0, length })
     }
 
     /// Offset of the next byte.

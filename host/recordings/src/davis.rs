@@ -33,6 +33,7 @@ pub const FORMAT: FileFormat = FileFormat {
     name: "DAVIS USB recording",
     recognise: |head| is(head, &[CaptureFormat::Dvraw, CaptureFormat::Packets]),
     events: |path, options| open(path, options, FORMAT.name),
+    files: |path| vec![path.to_owned()],
     streams: summarise,
     frames: Some(extras::visit_frames),
     extras: Some(open_extras),

@@ -33,6 +33,9 @@ pub enum RecordingErrorKind {
     /// The file does not exist.
     #[error("cannot be read: {0}")]
     Missing(io::Error),
+    /// The file is not the one that was opened: its content, or the file of this name, is another.
+    #[error("changed while it was read: copy it, or wait until no other program writes it")]
+    Changed,
     /// The path is a pipe or a device.
     #[error("is not an ordinary file; recordings are read several times, so a pipe has to be saved to a file first")]
     NotAFile,

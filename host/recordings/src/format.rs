@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use usb_davis::capture::{Capture, CaptureError};
 
@@ -41,6 +41,8 @@ pub struct FileFormat {
     pub recognise: fn(&Head) -> bool,
     /// Opens a file of this format for its events.
     pub events: fn(&Path, &RecordingOptions) -> OpenResult,
+    /// Returns the files that are read for the recording at this path.
+    pub files: fn(&Path) -> Vec<PathBuf>,
     /// Counts the packets and elements of each stream. Empty for formats with a single event stream.
     pub streams: fn(&Path, &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError>,
     /// Visits the frames, if the format can contain any.
@@ -102,8 +104,19 @@ impl FileFormat {
         events: fn(&Path, &RecordingOptions) -> OpenResult,
     ) -> Self {
         let streams = |_: &Path, _: &RecordingOptions| Ok(Vec::new());
-        let uses = Uses::NONE;
-        Self { name, recognise, events, streams, frames: None, extras: None, transfers: None, output: None, uses }
+        let (files, uses): (fn(&Path) -> Vec<PathBuf>, _) = (|path: &Path| vec![path.to_owned()], Uses::NONE);
+        Self {
+            name,
+            recognise,
+            events,
+            files,
+            streams,
+            frames: None,
+            extras: None,
+            transfers: None,
+            output: None,
+            uses,
+        }
     }
 }
 

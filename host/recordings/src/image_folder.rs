@@ -212,6 +212,12 @@ impl ImageFolder {
         &self.path
     }
 
+    /// Returns the images and their table.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let table = camera_folder(&self.path).map(|folder| folder.join(TABLE)).ok();
+        table.into_iter().chain(self.entries.iter().map(|entry| entry.path.clone())).collect()
+    }
+
     /// Width and height of the images in pixels.
     pub fn sensor(&self) -> Sensor {
         self.sensor

@@ -8,6 +8,7 @@ use super::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use super::pictures::TimedImage;
 use super::ros::ImageTopic;
 use crate::error::RecordingError;
+use crate::files::Files;
 use crate::formats::folder_format;
 use crate::options::Damage;
 
@@ -24,6 +25,7 @@ enum Source {
 #[derive(Clone, Debug)]
 pub struct Images {
     source: Source,
+    files: Files,
     stamps: Stamps,
 }
 
@@ -51,7 +53,13 @@ impl Images {
         } else {
             ImageTopic::open(path, topic, damage)?.map(Source::Topic)
         };
-        Ok(source.map(|source| Self { source, stamps }))
+        Ok(source.map(|source| {
+            let files = match &source {
+                Source::Folder(folder) => Files::new(folder.files()),
+                Source::Topic(topic) => Files::new(topic.files()),
+            };
+            Self { source, files, stamps }
+        }))
     }
 
     /// Name for messages: the path of the folder, or the bag and its topic.
@@ -68,6 +76,11 @@ impl Images {
             Source::Folder(folder) => folder.path(),
             Source::Topic(topic) => topic.path(),
         }
+    }
+
+    /// Returns all files that are read.
+    pub fn source_files(&self) -> &Files {
+        &self.files
     }
 
     /// Width and height of the images in pixels.

@@ -84,7 +84,7 @@ mod tests {
             }
             assert_eq!(all.len(), BATCH + 9);
             assert_eq!((all[5].t, all[6].t, all[7].t), (104, 106, 108));
-            assert_eq!((reader.report().steps_back, reader.report().out_of_range), (1, 1));
+            assert_eq!((reader.report().sorted, reader.report().out_of_range), (1, 1));
             assert_eq!(reader.information().sensor, sensor);
         }
         let part = recording.section(110..120);

@@ -39,12 +39,14 @@ pub use write::OUTPUT;
 
 /// An npy file.
 pub const ARRAY_FORMAT: FileFormat = FileFormat {
+    files: |path| table::files(path),
     uses: Uses { columns: true, ..Uses::NONE },
     ..FileFormat::of_events("NumPy array", |head| head.bytes.starts_with(header::MAGIC), open_array)
 };
 
 /// A folder of npy files with one column each. It is recognised by the files in it.
 pub const FOLDER_FORMAT: FileFormat = FileFormat {
+    files: |path| table::times_in(path).map_or_else(Vec::new, |times| table::files(&times)),
     uses: Uses { columns: true, ..Uses::NONE },
     ..FileFormat::of_events("NumPy arrays", |_| false, open_folder)
 };

@@ -94,7 +94,9 @@ pub struct Batch<'a> {
 /// Reads like [`read_recording`] until `visit` returns `Break`. The result then covers the events read so far.
 ///
 /// # Errors
-/// As for [`read_recording`].
+/// As for [`read_recording`], and [`RecordingErrorKind::Changed`] if a file changed since the recording was opened.
+///
+/// [`RecordingErrorKind::Changed`]: crate::RecordingErrorKind::Changed
 pub fn read_while(
     recording: &Recording,
     visit: &mut dyn FnMut(Batch) -> ControlFlow<()>,
@@ -120,6 +122,7 @@ fn read_ahead(
     sender: &SyncSender<(Vec<Event>, Option<f64>)>,
     buffers: &Receiver<Vec<Event>>,
 ) -> Result<Pass, RecordingError> {
+    recording.source_files().check()?;
     let mut reader = recording.open()?;
     let (mut count, mut first, mut last) = (0, None, 0);
     let damage = loop {
@@ -129,7 +132,10 @@ fn read_ahead(
             Ok(false) => break None,
             // The events before the damage are kept.
             Err(error) if count > 0 => break Some(error),
-            Err(error) => return Err(error),
+            Err(error) => {
+                recording.source_files().check()?;
+                return Err(error);
+            }
         }
         let start = *first.get_or_insert_with(|| events.first().map_or(0, |event| event.t));
         last = events.last().map_or(last, |event| event.t);
@@ -142,6 +148,8 @@ fn read_ahead(
             break None;
         }
     };
+    // Damage, too, may be a change of the file.
+    recording.source_files().check()?;
     let RecordingInformation { camera_name, began, notes: assumptions, .. } = reader.information().clone();
     let began = began.or_else(|| date(first?));
     let report = reader.report().clone();

@@ -49,7 +49,12 @@ pub struct ReadReport {
     /// Events among `out_of_range` that would be inside the sensor with x and y exchanged. 0 if any event inside
     /// would then be outside.
     pub exchanged: u64,
-    /// Events up to 0.1 s earlier than the latest one before them. They get its time.
+    /// Events that are stored after later ones, by up to 0.1 s. They are sorted by time.
+    pub sorted: u64,
+    /// Largest difference between the time of such an event and the latest one before it, in microseconds.
+    pub largest_delay: i64,
+    /// Events that are stored too late to be sorted, because more than a million others precede them. They get the
+    /// time of the latest event that was returned.
     pub steps_back: u64,
     /// Largest of these steps, in microseconds.
     pub largest_step_back: i64,
@@ -85,9 +90,15 @@ impl ReadReport {
     /// Describes everything that a user should know, as sentences.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
+        if self.sorted > 0 {
+            let (events, largest) = (counted(self.sorted, "event is", "events are"), self.largest_delay);
+            warnings.push(format!("{events} stored up to {largest} µs after later ones, and sorted by time"));
+        }
         if self.steps_back > 0 {
             let (events, largest) = (counted(self.steps_back, "event is", "events are"), self.largest_step_back);
-            warnings.push(format!("{events} up to {largest} µs earlier than a previous event, and given its time"));
+            warnings.push(format!(
+                "{events} stored too late to be sorted, up to {largest} µs earlier than a previous event, and given its time"
+            ));
         }
         if self.clock_resets > 0 {
             let times = counted(self.clock_resets, "time", "times");
@@ -221,6 +232,8 @@ mod tests {
     fn a_count_of_one_is_written_in_the_singular() {
         let stream = StreamFaults { gaps: 1, dropped: 1, clock_resets: 1, ..StreamFaults::default() };
         let report = |count| ReadReport {
+            sorted: count,
+            largest_delay: 9,
             steps_back: count,
             largest_step_back: 7,
             clock_resets: count,
@@ -236,7 +249,8 @@ mod tests {
         assert_eq!(
             once.warnings(),
             [
-                "1 event is up to 7 µs earlier than a previous event, and given its time",
+                "1 event is stored up to 9 µs after later ones, and sorted by time",
+                "1 event is stored too late to be sorted, up to 7 µs earlier than a previous event, and given its time",
                 "the clock of the recording was reset 1 time: later times are shifted, to continue 1 s after the latest event",
                 "the time counter wrapped 1 time, at event 7: times continue as if it had not",
                 "1 stray event is left out: more than 0.1 s away from neighbouring events",
@@ -249,10 +263,10 @@ mod tests {
             ]
         );
         let twice = report(2).warnings();
-        assert_eq!(twice[2], "the time counter wrapped 2 times, first at event 7: times continue as if it had not");
-        assert_eq!(twice[3], "2 stray events are left out: more than 0.1 s away from neighbouring events");
+        assert_eq!(twice[3], "the time counter wrapped 2 times, first at event 7: times continue as if it had not");
+        assert_eq!(twice[4], "2 stray events are left out: more than 0.1 s away from neighbouring events");
         assert_eq!(
-            twice[4],
+            twice[5],
             "2 events lie outside the sensor and are left out; 2 of them have a column or row below 0 or beyond 32766"
         );
     }

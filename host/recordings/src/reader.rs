@@ -8,11 +8,13 @@ use evcal_files::visible;
 
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::RecordingOptions;
+use crate::order::{Order, WINDOW};
 use crate::read_report::ReadReport;
 use evcal_core::sensor::Sensor;
 
-/// Largest step back, in microseconds, that counts as jitter. A larger step back means that the clock was reset.
-const LARGEST_JITTER: i64 = 100_000;
+/// Largest step back, in microseconds, that counts as jitter: such events are sorted. A larger step back means that the
+/// clock was reset.
+const LARGEST_JITTER: i64 = WINDOW;
 /// After a clock reset, times continue this many microseconds after the latest event.
 pub(super) const PAUSE_AFTER_RESET: i64 = 1_000_000;
 /// Number of clock resets above which a file counts as unsorted.
@@ -87,13 +89,20 @@ pub struct EventReader {
     /// Events that are too early: either strays or the first events after a clock reset.
     early: Vec<Event>,
     decoded: u64,
+    /// Number of events that passed all checks.
+    admitted: u64,
+    /// The events that passed all checks and are not returned yet, sorted by time.
+    order: Order,
+    /// `true` if no event of the current batch is earlier than one before it.
+    is_in_order: bool,
     ended: bool,
     pending: Option<RecordingError>,
     span: Option<Range<i64>>,
 }
 
-/// State that keeps times from decreasing.
+/// Time of the events so far.
 struct Clock {
+    /// Latest time of an event.
     latest: i64,
     /// Offset in µs added to the file's times since the latest clock reset.
     shift: i64,
@@ -134,6 +143,9 @@ impl EventReader {
             batch: Vec::new(),
             early: Vec::new(),
             decoded: 0,
+            admitted: 0,
+            order: Order::new(WINDOW),
+            is_in_order: true,
             ended: false,
             pending: None,
             span: None,
@@ -143,6 +155,11 @@ impl EventReader {
     /// Limits the pass to events with times in `span`.
     pub(super) fn limited_to(self, span: Option<Range<i64>>) -> Self {
         Self { span, ..self }
+    }
+
+    /// Returns each event as soon as it is decoded. Events that are earlier than one before them get its time.
+    pub(super) fn without_delay(self) -> Self {
+        Self { order: Order::new(0), ..self }
     }
 
     /// Properties of the recording.
@@ -165,7 +182,8 @@ impl EventReader {
     /// `events` empty.
     ///
     /// Times are in microseconds of the file's clock and never decrease within a pass:
-    /// - An event up to 0.1 s earlier than the latest one gets the time of the latest one.
+    /// - Events up to 0.1 s earlier than the latest one are sorted. More than about a million events in 0.1 s are too
+    ///   many for the window: an event that is earlier than one already returned then gets its time.
     /// - A larger step back means that the clock was reset: all later times are shifted so that they continue 1 s
     ///   after the latest event.
     /// - Up to 8 such early events are strays, and dropped, if the events after them continue as before, or if the
@@ -179,6 +197,11 @@ impl EventReader {
     pub fn next_batch(&mut self, events: &mut Vec<Event>) -> Result<bool, RecordingError> {
         events.clear();
         while events.is_empty() {
+            if self.order.pop(self.ended, events) {
+                self.report.events += events.len() as u64;
+                self.cut(events);
+                continue;
+            }
             if let Some(error) = self.pending.take() {
                 return Err(error);
             }
@@ -194,13 +217,16 @@ impl EventReader {
                     self.pending = Some(error);
                 }
             }
-            let checked = self.check(&batch, events);
+            self.is_in_order = true;
+            let mut admitted = self.order.buffer();
+            let checked = self.check(&batch, &mut admitted);
             self.batch = batch;
             if let Err(kind) = checked {
                 self.ended = true;
                 self.pending = Some(RecordingError::new(&self.path, kind));
             }
-            self.cut(events);
+            let latest = self.clock.as_ref().map_or(i64::MIN, |clock| clock.latest);
+            self.order.push(admitted, latest, self.is_in_order, &mut self.report);
         }
         Ok(true)
     }
@@ -211,14 +237,15 @@ impl EventReader {
         if events.last().is_some_and(|event| event.t >= end) {
             self.ended = true;
             self.pending = None;
+            self.order.clear();
         }
         let before = events.len();
         events.retain(|event| (start..end).contains(&event.t));
         self.report.events -= (before - events.len()) as u64;
     }
 
-    /// Appends the valid events of `batch` to `events`, with non-decreasing times. After an error, `events` contains
-    /// the events before it.
+    /// Appends the valid events of `batch` to `events`, in the order of the file. After an error, `events` contains the
+    /// events before it.
     fn check(&mut self, batch: &[Event], events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
         let Sensor { width, height } = self.information.sensor.unwrap_or(Sensor::new(MAX_SENSOR_SIZE, MAX_SENSOR_SIZE));
         let (mut exchanged, mut is_upright) = (0, self.is_upright);
@@ -238,7 +265,7 @@ impl EventReader {
         self.report.exchanged = if is_upright { 0 } else { self.report.exchanged + exchanged };
         let begun = if self.ended || admitted.is_err() { self.begin(events) } else { Ok(()) };
         let rest = if self.ended { self.end(events) } else { Ok(()) };
-        self.report.events += events.len() as u64;
+        self.admitted += events.len() as u64;
         admitted.and(begun).and(rest)
     }
 
@@ -303,21 +330,20 @@ impl EventReader {
     fn hand_out(&mut self, event: Event, events: &mut Vec<Event>) {
         let Some(clock) = &mut self.clock else { return };
         self.only = self.only.filter(|only| *only == event.polarity);
-        let step = clock.latest - (event.t + clock.shift);
-        if step > 0 {
-            self.report.steps_back += 1;
-            self.report.largest_step_back = self.report.largest_step_back.max(step);
+        let t = event.t + clock.shift;
+        if t < clock.latest {
+            self.is_in_order = false;
         } else {
-            clock.latest = event.t + clock.shift;
+            clock.latest = t;
         }
-        events.push(Event { t: clock.latest, ..event });
+        events.push(Event { t, ..event });
     }
 
-    /// Drops the early events as strays. `waiting` is the number of events that `report` does not count yet.
+    /// Drops the early events as strays. `waiting` is the number of events that `admitted` does not count yet.
     fn drop_early(&mut self, waiting: usize) -> Result<(), RecordingErrorKind> {
         self.report.strays += self.early.len() as u64;
         self.early.clear();
-        if self.report.strays > MAX_RESETS + (self.report.events + waiting as u64) / EVENTS_PER_STRAY {
+        if self.report.strays > MAX_RESETS + (self.admitted + waiting as u64) / EVENTS_PER_STRAY {
             return Err(self.out_of_order(self.report.strays));
         }
         Ok(())
@@ -325,7 +351,7 @@ impl EventReader {
 
     /// Handles early events at the end of the recording: a few of them after many other events are strays.
     fn end(&mut self, events: &mut Vec<Event>) -> Result<(), RecordingErrorKind> {
-        let before = self.report.events + events.len() as u64;
+        let before = self.admitted + events.len() as u64;
         if !self.early.is_empty() && before >= EVENTS_PER_STRAY * self.early.len() as u64 {
             return self.drop_early(events.len());
         }
@@ -338,7 +364,7 @@ impl EventReader {
         let early = std::mem::take(&mut self.early);
         let (Some(first), Some(clock)) = (early.first(), &mut self.clock) else { return Ok(()) };
         self.report.clock_resets += 1;
-        let before = self.report.events + events.len() as u64;
+        let before = self.admitted + events.len() as u64;
         if let Some(only) = self.only.filter(|_| before > MANY_OF_A_POLARITY)
             && early.iter().all(|event| event.polarity != only)
         {
@@ -436,18 +462,18 @@ mod tests {
     }
 
     #[test]
-    fn small_steps_back_get_the_latest_time() {
+    fn small_steps_back_are_sorted() {
         let (times, report, error) = times([5, 10, 8, 9, 10, 12, -20].map(at).to_vec());
-        assert_eq!(times, [5, 10, 10, 10, 10, 12, 12]);
-        assert_eq!((report.steps_back, report.largest_step_back, report.clock_resets), (3, 32, 0));
+        assert_eq!(times, [-20, 5, 8, 9, 10, 10, 12]);
+        assert_eq!((report.sorted, report.largest_delay, report.steps_back, report.clock_resets), (3, 32, 0, 0));
         assert!(error.is_none());
     }
 
     #[test]
     fn after_a_clock_reset_times_continue_one_second_later() {
         let (times, report, error) = times([7_000_000, 7_000_100, 0, 50, 60, 55].map(at).to_vec());
-        assert_eq!(times, [7_000_000, 7_000_100, 8_000_100, 8_000_150, 8_000_160, 8_000_160]);
-        assert_eq!((report.steps_back, report.clock_resets), (1, 1));
+        assert_eq!(times, [7_000_000, 7_000_100, 8_000_100, 8_000_150, 8_000_155, 8_000_160]);
+        assert_eq!((report.sorted, report.steps_back, report.clock_resets), (1, 0, 1));
         assert!(error.is_none());
     }
 

@@ -13,6 +13,7 @@ use crate::davis;
 use crate::doubtful_unit::{Corrected, impossible_rate};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{NoExtras, ReadExtras};
+use crate::files::Files;
 use crate::format::{FileFormat, StreamSummary};
 use crate::formats::format_of;
 use crate::memory::{self, MemoryDecoder};
@@ -26,6 +27,7 @@ pub struct Recording {
     path: PathBuf,
     options: RecordingOptions,
     source: Source,
+    files: Files,
     span: Option<Range<i64>>,
 }
 
@@ -55,14 +57,16 @@ impl Recording {
             let kind = RecordingErrorKind::NoEffect { option, format: format.name };
             return Err(RecordingError::new(&path, kind));
         }
-        Ok(Self { path, options, source: Source::File(format), span: None })
+        let files = Files::new((format.files)(&path));
+        Ok(Self { path, options, source: Source::File(format), files, span: None })
     }
 
     /// Creates a recording from events in memory, with times in microseconds. They pass the same checks as the events
     /// of a file (see [`EventReader::next_batch`]). Reports and messages call the recording `name`; of `options` only
     /// the sensor is used.
     pub fn from_events(name: impl Into<PathBuf>, events: Vec<Event>, options: RecordingOptions) -> Self {
-        Self { path: name.into(), options, source: Source::Memory(Arc::new(events)), span: None }
+        let source = Source::Memory(Arc::new(events));
+        Self { path: name.into(), options, source, files: Files::default(), span: None }
     }
 
     /// Creates a recording of a camera that is still recording into the dump at `path`. The first pass waits for more
@@ -70,7 +74,8 @@ impl Recording {
     /// ended without any.
     pub fn growing(path: impl Into<PathBuf>, options: RecordingOptions, growth: Growth) -> Option<Self> {
         growth.wait_beyond(0)?;
-        Some(Self { path: path.into(), options, source: Source::Growing(growth), span: None })
+        let source = Source::Growing(growth);
+        Some(Self { path: path.into(), options, source, files: Files::default(), span: None })
     }
 
     /// Joins `files`, which continue each other and are in order of time (see [`chains`](crate::continued::chains)),
@@ -78,8 +83,10 @@ impl Recording {
     pub fn chain(files: Vec<Self>) -> Option<Self> {
         let mut files = files.into_iter();
         let first = files.next()?;
-        let source = Source::Chain(first.format(), Arc::new(files.collect()));
-        Some(Self { source, ..first })
+        let others: Vec<Self> = files.collect();
+        let files = Files::joined(std::iter::once(&first).chain(&others).map(Self::source_files));
+        let source = Source::Chain(first.format(), Arc::new(others));
+        Some(Self { source, files, ..first })
     }
 
     /// Returns the paths of all files of this recording, in order of time.
@@ -89,6 +96,12 @@ impl Recording {
             _ => &[],
         };
         std::iter::once(self.path()).chain(others.iter().map(Self::path)).collect()
+    }
+
+    /// Returns all files that are read, also those in a folder. Empty for a recording in memory, and for one that is
+    /// still being written.
+    pub fn source_files(&self) -> &Files {
+        &self.files
     }
 
     /// Returns the section of the recording within `span`, in microseconds of the file's clock.
@@ -148,7 +161,10 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        Ok(EventReader::new(&self.path, self.decoder()?, &self.options)?.limited_to(self.span.clone()))
+        let reader = EventReader::new(&self.path, self.decoder()?, &self.options)?.limited_to(self.span.clone());
+        // Events of a camera are shown as they arrive; its clock keeps them in order.
+        let is_live = matches!(self.source, Source::Growing(_));
+        Ok(if is_live { reader.without_delay() } else { reader })
     }
 
     fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {

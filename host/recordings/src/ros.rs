@@ -8,8 +8,8 @@
 //! | `sensor_msgs/CompressedImage` | images of a second camera: JPEG and PNG |
 //! | `sensor_msgs/Imu` | IMU samples |
 //!
-//! Times come from the sensor and are stored in the messages. Messages are read in file order; their times of recording
-//! are not used.
+//! Times come from the sensor and are stored in the messages. Messages are read in order of their times of recording
+//! ([`order`]).
 
 mod bag;
 mod bayer;
@@ -22,6 +22,7 @@ mod folder;
 mod images;
 mod mcap;
 mod message;
+mod order;
 mod packet;
 mod picture;
 mod sqlite;

@@ -83,7 +83,7 @@ pub fn events_around(time: i64) -> Vec<Event> {
 pub fn check_wrap(wrapped: &[u8], whole: &[u8]) {
     let [mut wrapped, whole] = [wrapped, whole].map(read);
     assert_eq!((whole.report.counter_wraps, whole.report.clock_resets, whole.events.len()), (None, 0, 1000));
-    assert!(wrapped.report.steps_back > 70);
+    assert!(wrapped.report.sorted > 70);
     let wraps = wrapped.report.counter_wraps.take();
     assert!(wraps.is_some_and(|wraps| wraps.count == 1 && wraps.first_event == 502), "{wraps:?}");
     assert_eq!((wrapped.error, wrapped.events, wrapped.report), (None, whole.events, whole.report));

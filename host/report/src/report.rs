@@ -53,7 +53,8 @@ pub struct ResultFile {
 /// share that is done, 0 to 1.
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
     let sections = sections(calibrated, task, progress);
-    sections.finish(&input_files(task), files)
+    // A report cannot name files that have changed.
+    sections.finish(&input_files(task).unwrap_or_default(), files)
 }
 
 /// The sections that do not depend on the written files.

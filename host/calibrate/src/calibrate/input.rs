@@ -17,7 +17,7 @@ use event_recordings::continued::chains;
 use event_recordings::image_folder::Stamps;
 use event_recordings::images::{Images, ImagesError};
 use event_recordings::pass::{Batch, Pass, read_while};
-use event_recordings::{ReadReport, Recording, RecordingError, RecordingOptions, options_for};
+use event_recordings::{Files, ReadReport, Recording, RecordingError, RecordingOptions, options_for};
 
 /// One input: events, circles or frames.
 #[derive(Clone)]
@@ -40,6 +40,8 @@ pub enum Input {
         notes: Vec<String>,
         /// Report of the grid finder on circles without a position on the board.
         detection: DetectionReport,
+        /// The file, if it is one.
+        files: Files,
     },
 }
 
@@ -73,6 +75,15 @@ impl Input {
             Self::Events(recording) => recording.path(),
             Self::Images(images) => images.path(),
             Self::Circles { path, .. } => path,
+        }
+    }
+
+    /// Returns the files that are read.
+    pub fn source_files(&self) -> &Files {
+        match self {
+            Self::Events(recording) => recording.source_files(),
+            Self::Images(images) => images.source_files(),
+            Self::Circles { files, .. } => files,
         }
     }
 
@@ -137,10 +148,14 @@ impl Input {
         match InputKind::of(path)? {
             InputKind::Events => Ok(Self::Events(Recording::new(path, options.clone())?)),
             InputKind::CircleTrack => {
+                let files = Files::new([path.to_owned()]);
                 let track = track::read(path, &board.lattice(), 0)?;
-                Ok(Self::from_track(path, track, None, board))
+                Ok(Self::from_track(path, track, None, board, files))
             }
-            InputKind::CircleStream => Ok(Self::from_stream(path, stream::read(path)?, board)),
+            InputKind::CircleStream => {
+                let files = Files::new([path.to_owned()]);
+                Ok(Self::from_stream(path, stream::read(path)?, board, files))
+            }
         }
     }
 
@@ -150,27 +165,27 @@ impl Input {
     /// [`SerialError`] if no circle is received.
     pub fn listen(address: &SerialAddress, board: &Board, progress: impl FnMut(&str)) -> Result<Self, SerialError> {
         let stream = address.receive(progress)?;
-        Ok(Self::from_stream(Path::new(&address.to_string()), stream, board))
+        Ok(Self::from_stream(Path::new(&address.to_string()), stream, board, Files::default()))
     }
 
-    fn from_stream(path: &Path, stream: CircleStream, board: &Board) -> Self {
-        Self::from_track(path, stream.track, stream.sensor, board)
+    fn from_stream(path: &Path, stream: CircleStream, board: &Board, files: Files) -> Self {
+        Self::from_track(path, stream.track, stream.sensor, board, files)
     }
 
-    fn from_track(path: &Path, track: CircleTrack, sensor: Option<Sensor>, board: &Board) -> Self {
+    fn from_track(path: &Path, track: CircleTrack, sensor: Option<Sensor>, board: &Board, files: Files) -> Self {
         let (frames, detection) = match track.frames {
             CircleFrames::Ordered(frames) => (frames, DetectionReport::default()),
             CircleFrames::Unordered(frames) => order_frames(&frames, &board.lattice(), sensor),
         };
         let start = track.time_origin_us as f64 * 1e-6;
-        Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection }
+        Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection, files }
     }
 }
 
 /// Passes the events of an input to `visit`, with times from its first event, until `visit` breaks. Circles have no events.
 ///
 /// # Errors
-/// [`RecordingError`] if the recording cannot be read.
+/// [`RecordingError`] if the recording cannot be read, or changed since it was opened.
 pub fn read_events(
     inputs: &[Input],
     index: usize,
@@ -189,7 +204,13 @@ pub fn read_events(
             damage: None,
         });
     };
-    read_while(recording, visit)
+    // The checksums are of the content that is read here: both fail if a file changes.
+    std::thread::scope(|scope| {
+        let checksums = scope.spawn(|| recording.source_files().checksums().map(|_| ()));
+        let pass = read_while(recording, visit);
+        let checked = checksums.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        checked.and(pass)
+    })
 }
 
 /// Reasons why an input could not be opened.

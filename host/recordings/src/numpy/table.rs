@@ -109,6 +109,16 @@ pub fn of_array(path: &Path) -> Result<Table, RecordingError> {
     })
 }
 
+/// Returns the files with the events of the array at `path`.
+pub fn files(path: &Path) -> Vec<PathBuf> {
+    let parts = of_array(path).map_or_else(|_| Vec::new(), |table| table.parts);
+    let mut files: Vec<PathBuf> = parts.iter().map(|part| part.location.file(path).to_owned()).collect();
+    files.push(path.to_owned());
+    files.sort();
+    files.dedup();
+    files
+}
+
 /// Returns the file in `folder` whose name means times of events, if there is exactly one.
 pub fn times_in(folder: &Path) -> Option<PathBuf> {
     let names = std::fs::read_dir(folder).ok()?.flatten().map(|entry| entry.file_name());

@@ -2,8 +2,8 @@
 //!
 //! The file has a line `#ROSBAG V2.0`, then records: u32 length and header, u32 length and data. A header is a sequence
 //! of fields, u32 length and `name=value`. The field `op` is the kind of the record: 5 a chunk (records, possibly
-//! compressed with bz2 or LZ4), 7 a connection (a topic and its type), 2 a message. The other kinds are an index, which
-//! is not needed.
+//! compressed with bz2 or LZ4), 7 a connection (a topic and its type), 2 a message. The other kinds are an index,
+//! which contains the times of the chunks (kind 6) and is not needed otherwise.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -12,6 +12,7 @@ use std::path::Path;
 use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record};
 use super::fields::Wire;
 use super::message::Kind;
+use super::order::{ChunkOrder, IndexedChunk, Ordered};
 use super::write::BAG_OUTPUT;
 use super::{events, extras};
 use crate::bytes::ByteReader;
@@ -37,21 +38,22 @@ pub const FORMAT: FileFormat = FileFormat {
 };
 
 const CHUNK: u8 = 5;
+const CHUNK_INFO: u8 = 6;
 const CONNECTION: u8 = 7;
 const MESSAGE: u8 = 2;
 /// Length limits of a record header in bytes. It contains at least `op`.
 const LONGEST_RECORD_HEADER: u64 = 1 << 16;
 const SHORTEST_RECORD_HEADER: u64 = 8;
-/// Length limits in bytes of the file header and of the connections in the index.
+/// Length limits in bytes of the file header and of the index. An hour of events has an index of some megabytes.
 const LONGEST_HEADER: u64 = 1 << 13;
-const LONGEST_INDEX: u64 = 1 << 22;
+const LONGEST_INDEX: u64 = 1 << 26;
 
 /// Opens the bag at `path`.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
-    let mut file = ByteReader::open(path)?;
-    file.seek(MAGIC.len() as u64)?;
-    Ok(Box::new(Bag {
-        file,
+    let mut bag = Bag {
+        file: ByteReader::open(path)?,
+        order: ChunkOrder::default(),
+        is_settled: false,
         chunk: Chunk::default(),
         header: Vec::new(),
         packed: Vec::new(),
@@ -61,11 +63,34 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         message: (0, 0),
         truncated: None,
         ended: false,
-    }))
+    };
+    if let Some(Index { connections, chunks, .. }) = bag.index()?.filter(|index| index.is_whole) {
+        bag.order = ChunkOrder::new(chunks);
+        if bag.order.is_moved() {
+            // A chunk may use connections of a chunk that precedes it in the file.
+            for (connection, topic) in connections {
+                bag.connect(connection, topic);
+            }
+        }
+    }
+    bag.file.seek(MAGIC.len() as u64)?;
+    Ok(Box::new(Ordered::new(bag)))
+}
+
+/// The index at the end of a bag.
+struct Index {
+    /// Numbers and topics of the connections.
+    connections: Vec<(u32, Topic)>,
+    chunks: Vec<IndexedChunk>,
+    /// `true` if there are as many chunks as the header of the file states.
+    is_whole: bool,
 }
 
 struct Bag {
     file: ByteReader,
+    order: ChunkOrder,
+    /// `true` if no message of another chunk precedes those of the current one.
+    is_settled: bool,
     chunk: Chunk,
     header: Vec<u8>,
     packed: Vec<u8>,
@@ -124,6 +149,23 @@ fn number(header: &[u8], name: &[u8]) -> Option<u32> {
     Some(u32::from_le_bytes(*field(header, name)?.first_chunk()?))
 }
 
+/// Returns the time in ns of a field with seconds and nanoseconds.
+fn time(header: &[u8], name: &[u8]) -> Option<i64> {
+    let time = u64::from_le_bytes(*field(header, name)?.first_chunk()?);
+    Some((time & 0xffff_ffff) as i64 * 1_000_000_000 + (time >> 32) as i64)
+}
+
+/// Returns the times of the messages in a chunk.
+fn times(chunk: &[u8]) -> impl Iterator<Item = i64> {
+    let mut position = 0;
+    let records = std::iter::from_fn(move || {
+        let record = record(chunk, position)?;
+        position += record.length;
+        Some(record.header)
+    });
+    records.filter(|header| operation(header) == Some(MESSAGE)).filter_map(|header| time(header, b"time"))
+}
+
 fn operation(header: &[u8]) -> Option<u8> {
     field(header, b"op")?.first().copied()
 }
@@ -147,30 +189,45 @@ fn topic(record: &Record) -> Option<Topic> {
 }
 
 impl Bag {
-    /// Reads the topics from the index, which follows all chunks.
-    fn index(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
+    /// Reads the index, which follows all chunks; `None` if there is none.
+    fn index(&mut self) -> Result<Option<Index>, RecordingError> {
         let mut bytes = Vec::new();
         self.file.seek(MAGIC.len() as u64)?;
         self.file.read(&mut bytes, LONGEST_HEADER)?;
-        let start = record(&bytes, 0)
-            .and_then(|record| Some(u64::from_le_bytes(*field(record.header, b"index_pos")?.first_chunk()?)));
+        let header = record(&bytes, 0).map(|record| record.header);
+        let start = header.and_then(|header| Some(u64::from_le_bytes(*field(header, b"index_pos")?.first_chunk()?)));
+        let count = header.and_then(|header| number(header, b"chunk_count"));
         let Some(start) = start.filter(|start| *start > MAGIC.len() as u64 && *start < self.file.length()) else {
             return Ok(None);
         };
         self.file.seek(start)?;
         self.file.read(&mut bytes, LONGEST_INDEX)?;
-        let (mut topics, mut position) = (Vec::new(), 0);
-        while let Some(record) = record(&bytes, position).filter(|record| operation(record.header) == Some(CONNECTION))
-        {
-            topics.extend(topic(&record));
+        let (mut connections, mut chunks, mut position) = (Vec::new(), Vec::new(), 0);
+        while let Some(record) = record(&bytes, position) {
+            match operation(record.header) {
+                Some(CONNECTION) => connections.extend(number(record.header, b"conn").zip(topic(&record))),
+                Some(CHUNK_INFO) => {
+                    let start = time(record.header, b"start_time");
+                    let byte = field(record.header, b"chunk_pos").and_then(|byte| byte.first_chunk());
+                    let byte = byte.map(|byte| u64::from_le_bytes(*byte));
+                    chunks.extend(start.zip(byte).map(|(start, byte)| IndexedChunk { start, byte }));
+                }
+                _ => break,
+            }
             position += record.length;
         }
-        Ok((!topics.is_empty()).then_some(topics))
+        let is_whole = !chunks.is_empty() && count.is_some_and(|count| count as usize == chunks.len());
+        Ok((!connections.is_empty()).then_some(Index { connections, chunks, is_whole }))
     }
 
     /// Reads the next record with content as the current chunk. Returns `false` at the end.
     fn next_chunk(&mut self) -> Result<bool, RecordingError> {
         loop {
+            match self.order.next() {
+                None => {}
+                Some(Some(byte)) => self.file.seek(byte)?,
+                Some(None) => return Ok(false),
+            }
             let start = self.file.position();
             if self.file.left() == 0 {
                 return Ok(false);
@@ -198,6 +255,7 @@ impl Bag {
                 CHUNK => {
                     read_record(&mut self.file, start, length, &mut self.packed)?;
                     self.unpack(start)?;
+                    self.is_settled = self.order.is_settled(start, times(&self.chunk.bytes));
                     return Ok(true);
                 }
                 CONNECTION | MESSAGE => {
@@ -209,6 +267,7 @@ impl Bag {
                         bytes.extend_from_slice(part);
                     }
                     (self.chunk.position, self.chunk.byte) = (0, start);
+                    self.is_settled = false;
                     return Ok(true);
                 }
                 _ => self.file.seek(self.file.position() + length)?,
@@ -240,6 +299,7 @@ impl Bag {
             Err(_) => self.chunk.bytes.clear(),
         }
         (self.chunk.position, self.chunk.byte) = (0, start);
+        self.is_settled = false;
         Ok(!self.chunk.bytes.is_empty())
     }
 
@@ -253,18 +313,14 @@ impl Bag {
         })
     }
 
-    fn connect(&mut self, from: usize) -> Option<()> {
-        let record = record(&self.chunk.bytes, from)?;
-        let connection = number(record.header, b"conn")?;
+    fn connect(&mut self, connection: u32, topic: Topic) {
         if let Entry::Vacant(vacant) = self.connections.entry(connection) {
-            let topic = topic(&record)?;
             let index = self.indices.entry((topic.name.clone(), topic.type_name.clone())).or_insert(self.topics.len());
             vacant.insert(*index);
             if *index == self.topics.len() {
                 self.topics.push(topic);
             }
         }
-        Some(())
     }
 }
 
@@ -286,18 +342,21 @@ impl Container for Bag {
                 return Err(self.file.damaged(self.chunk.byte, "a record of a chunk is longer than the chunk"));
             };
             let (operation, connection) = (operation(record.header), number(record.header, b"conn"));
-            let (length, data) = (record.length, record.data.len());
+            let (length, data, time) = (record.length, record.data.len(), time(record.header, b"time"));
             self.chunk.position += length;
             match operation {
-                Some(CONNECTION) => self
-                    .connect(position)
-                    .ok_or_else(|| self.file.damaged(self.chunk.byte, "a connection names no topic or no type"))?,
+                Some(CONNECTION) if connection.is_some_and(|number| self.connections.contains_key(&number)) => {}
+                Some(CONNECTION) => match connection.zip(topic(&record)) {
+                    Some((number, topic)) => self.connect(number, topic),
+                    None => return Err(self.file.damaged(self.chunk.byte, "a connection names no topic or no type")),
+                },
                 Some(MESSAGE) => {
                     let Some(&topic) = connection.and_then(|connection| self.connections.get(&connection)) else {
                         return Err(self.file.damaged(self.chunk.byte, "a message belongs to an unknown connection"));
                     };
                     self.message = (position + length - data, position + length);
-                    return Ok(Some(MessageHead { topic, byte: self.chunk.byte }));
+                    let (byte, is_settled) = (self.chunk.byte, self.is_settled);
+                    return Ok(Some(MessageHead { topic, byte, time: time.unwrap_or(i64::MIN), is_settled }));
                 }
                 _ => {}
             }
@@ -314,9 +373,9 @@ impl Container for Bag {
 
     fn listed(&mut self) -> Option<Vec<Topic>> {
         let position = self.file.position();
-        let topics = self.index().ok().flatten();
+        let index = self.index().ok().flatten();
         self.file.seek(position).ok()?;
-        topics
+        Some(index?.connections.into_iter().map(|(_, topic)| topic).collect())
     }
 
     fn done(&self) -> f64 {

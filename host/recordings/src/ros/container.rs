@@ -44,9 +44,13 @@ pub struct MessageHead {
     pub topic: usize,
     /// Offset in the file of the message, or of its chunk.
     pub byte: u64,
+    /// Time of recording, in the unit of the file.
+    pub time: i64,
+    /// `true` if the index of the file shows that no earlier message follows.
+    pub is_settled: bool,
 }
 
-/// A file of messages, read from its beginning.
+/// A file of messages, read from its beginning or, if its index shows another order of time, in that order.
 pub trait Container: Send {
     /// Reads the next message; `None` at the end, also if the file is cut off.
     ///
@@ -116,6 +120,14 @@ pub enum ChunkError {
     Large {
         /// Stated size in bytes.
         size: u64,
+    },
+    /// The decompressed content does not have the stated checksum.
+    #[error("its checksum is {found:08x} instead of {stated:08x}")]
+    Checksum {
+        /// CRC-32 in the head of the chunk.
+        stated: u32,
+        /// CRC-32 of the content.
+        found: u32,
     },
     /// The decompressed size differs from the stated size.
     #[error("its decompressed size is not {size} bytes")]

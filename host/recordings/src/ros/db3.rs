@@ -1,4 +1,5 @@
-//! Bags of ROS 2 in SQLite: a table `topics` and a table `messages`, in order of recording.
+//! Bags of ROS 2 in SQLite: a table `topics` and a table `messages`, usually in order of recording. The order of the
+//! index of the column `timestamp` counts.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,8 +7,10 @@ use std::path::Path;
 use super::container::{Container, MessageHead, Topic, unpack_message};
 use super::fields::Wire;
 use super::message::Kind;
-use super::sqlite::{self, Description, Pages, Table, Value};
+use super::order::Ordered;
+use super::sqlite::{self, Description, Pages, Table, Value, Walk};
 use super::{events, extras};
+use crate::bytes::share;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Uses};
 use crate::read_report::Truncation;
@@ -28,8 +31,16 @@ pub const FORMAT: FileFormat = FileFormat {
 struct Bag {
     pages: Pages,
     messages: Table,
+    /// Index of the times, if rows are not in order of time, with the description of the messages.
+    by_time: Option<(Walk, Description)>,
+    /// Number of messages that were read, and number of all if the index contains it.
+    count: (u64, u64),
+    /// `true` if the index shows that no later message is earlier than the current one.
+    is_settled: bool,
     /// Indices of the columns with the topic and the content of a message.
     columns: [usize; 2],
+    /// Index of the column with the time of recording.
+    time: Option<usize>,
     topics: Vec<Topic>,
     /// Indices of topics, by their number.
     indices: BTreeMap<i64, usize>,
@@ -43,7 +54,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     let mut pages = Pages::open(path)?;
     let tables = pages.tables()?;
     let table = |name: &str, columns: &[&str]| {
-        let found = tables.iter().find(|table| table.name == name)?;
+        let found = tables.iter().find(|table| !table.is_index && table.name == name)?;
         Some((found, columns.iter().map(|column| found.column(column)).collect::<Option<Vec<_>>>()?))
     };
     let topics = table("topics", &["name", "type", "serialization_format"]);
@@ -58,8 +69,36 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
     };
     let (indices, topics) = read_topics(&mut pages, topics, &topic_columns)?;
     let columns = columns.try_into().unwrap_or_default();
+    let time = messages.column("timestamp");
+    let index = tables.iter().find(|index| index.orders(&messages.name, "timestamp"));
+    let order = index.and_then(|index| Some((index, order_of(path, index).ok()??)));
+    let by_time = order.filter(|(_, order)| !order.is_of_rows).map(|(index, _)| (index.walk(), messages.clone()));
+    let (count, is_settled) = ((0, order.map_or(0, |(_, order)| order.count)), order.is_some());
     let messages = messages.open();
-    Ok(Box::new(Bag { pages, messages, columns, topics, indices, row: Vec::new(), unpacked: Vec::new() }))
+    let (row, unpacked) = (Vec::new(), Vec::new());
+    let bag = Bag { pages, messages, by_time, count, is_settled, columns, time, topics, indices, row, unpacked };
+    Ok(Box::new(Ordered::new(bag)))
+}
+
+/// Order of an index.
+#[derive(Clone, Copy)]
+struct Order {
+    /// `true` if the rows are in the same order.
+    is_of_rows: bool,
+    /// Number of entries.
+    count: u64,
+}
+
+/// Reads the index of the times; `None` if the file is cut off.
+fn order_of(path: &Path, index: &Description) -> Result<Option<Order>, RecordingError> {
+    let (mut pages, mut walk) = (Pages::for_index(path)?, index.walk());
+    let (mut order, mut last) = (Order { is_of_rows: true, count: 0 }, i64::MIN);
+    while let Some((_, row)) = pages.next_entry(&mut walk)? {
+        order.is_of_rows &= last <= row;
+        order.count += 1;
+        last = row;
+    }
+    Ok(pages.truncated().is_none().then_some(order))
 }
 
 /// Reads the topics, and returns them with their indices by number.
@@ -85,14 +124,32 @@ fn read_topics(
     Ok((indices, topics))
 }
 
+impl Bag {
+    /// Reads the next row. Returns the offset of its page; `None` at the end.
+    fn next_row(&mut self) -> Result<Option<u64>, RecordingError> {
+        self.count.0 += 1;
+        let Some((walk, messages)) = &mut self.by_time else {
+            return Ok(self.pages.next(&mut self.messages, &mut self.row)?.map(|(_, byte)| byte));
+        };
+        match self.pages.next_entry(walk)? {
+            Some((_, id)) => self.pages.row(messages, id, &mut self.row),
+            None => Ok(None),
+        }
+    }
+}
+
 impl Container for Bag {
     fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
-        let Some((_, byte)) = self.pages.next(&mut self.messages, &mut self.row)? else {
+        let Some(byte) = self.next_row()? else {
             self.pages.finish();
             return Ok(None);
         };
         let [topic, data] = self.columns;
         let values = sqlite::values(&self.row).unwrap_or_default();
+        let time = match self.time.and_then(|time| values.get(time)) {
+            Some(Value::Whole(time)) => *time,
+            _ => i64::MIN,
+        };
         let (Some(Value::Whole(topic)), Some(Value::Bytes(message))) = (values.get(topic), values.get(data)) else {
             return Err(self.pages.damaged(byte, "a message cannot be read"));
         };
@@ -101,7 +158,7 @@ impl Container for Bag {
         };
         unpack_message(message, &mut self.unpacked)
             .map_err(|error| self.pages.damaged(byte, format!("a message is damaged: {error}")))?;
-        Ok(Some(MessageHead { topic, byte }))
+        Ok(Some(MessageHead { topic, byte, time, is_settled: self.is_settled }))
     }
 
     fn message(&self) -> &[u8] {
@@ -124,7 +181,8 @@ impl Container for Bag {
     }
 
     fn done(&self) -> f64 {
-        self.pages.done()
+        let (read, all) = self.count;
+        if all > 0 { share(read, all) } else { self.pages.done() }
     }
 
     fn truncated(&self) -> Option<&Truncation> {

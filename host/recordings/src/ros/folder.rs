@@ -18,6 +18,7 @@ use evcal_files::yaml;
 
 /// Folder of a ROS 2 bag. It is recognised by the files in it.
 pub const FORMAT: FileFormat = FileFormat {
+    files: |path| std::iter::once(path.join(METADATA)).chain(files(path).unwrap_or_default()).collect(),
     streams: |path, options| events::summarise(open, path, options),
     frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
     extras: Some(|path, options| extras::open(open, path, options)),
@@ -144,8 +145,8 @@ impl Container for Folder {
     fn next(&mut self) -> Result<Option<MessageHead>, RecordingError> {
         loop {
             match self.now.next() {
-                Ok(Some(MessageHead { topic, byte })) => {
-                    return Ok(Some(MessageHead { topic: self.index_of(topic), byte }));
+                Ok(Some(head)) => {
+                    return Ok(Some(MessageHead { topic: self.index_of(head.topic), ..head }));
                 }
                 Ok(None) => self.note_end(),
                 Err(error) => {

@@ -79,6 +79,14 @@ impl ImageTopic {
         &self.path
     }
 
+    /// Returns the files with the messages.
+    pub fn files(&self) -> Vec<PathBuf> {
+        match folder::is_bag(&self.path) {
+            true => (folder::FORMAT.files)(&self.path),
+            false => vec![self.path.clone()],
+        }
+    }
+
     /// Width and height of the images in pixels.
     pub fn sensor(&self) -> Sensor {
         self.sensor
@@ -114,7 +122,7 @@ impl ImageTopic {
     fn read(&self, visit: &mut dyn FnMut(Frame) -> bool) -> Result<Option<String>, RecordingError> {
         let mut container = (self.open)(&self.path)?;
         loop {
-            let MessageHead { topic, byte } = match container.next() {
+            let MessageHead { topic, byte, .. } = match container.next() {
                 Ok(Some(head)) => head,
                 Ok(None) => break,
                 Err(error) if is_skipped(&error, self.damage) => continue,

@@ -2,17 +2,20 @@
 //!
 //! The file consists of records of u8 kind, u64 length and content. Kinds are 3 a schema (the type of messages), 4 a
 //! channel (a topic), 5 a message, 6 a chunk of such records (possibly compressed with LZ4 or Zstandard), 15 the end of
-//! the data. An index follows, which is not needed.
+//! the data. A summary follows, which contains the times of the chunks (kind 8) and is not needed otherwise.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::Path;
+
+use flate2::Crc;
 
 use super::container::{
     ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record, unpack_message,
 };
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
+use super::order::{ChunkOrder, IndexedChunk, Ordered};
 use super::write::MCAP_OUTPUT;
 use super::{events, extras};
 use crate::bytes::ByteReader;
@@ -40,6 +43,8 @@ const SCHEMA: u8 = 3;
 const CHANNEL: u8 = 4;
 const MESSAGE: u8 = 5;
 const CHUNK: u8 = 6;
+const CHUNK_INDEX: u8 = 8;
+const STATISTICS: u8 = 11;
 const DATA_END: u8 = 15;
 /// Size of a record's kind and length in bytes.
 const RECORD_HEAD: usize = 9;
@@ -51,10 +56,10 @@ const LONGEST_SUMMARY: u64 = 1 << 24;
 
 /// Opens the MCAP file at `path`.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
-    let mut file = ByteReader::open(path)?;
-    file.seek(MAGIC.len() as u64)?;
-    Ok(Box::new(Mcap {
-        file,
+    let mut mcap = Mcap {
+        file: ByteReader::open(path)?,
+        order: ChunkOrder::default(),
+        is_settled: false,
         records: Vec::new(),
         position: 0,
         byte: 0,
@@ -64,11 +69,65 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         unpacked: Vec::new(),
         truncated: None,
         ended: false,
-    }))
+    };
+    if let Some(Summary { described, chunks, .. }) = mcap.summary()?.filter(Summary::is_whole) {
+        mcap.order = ChunkOrder::new(chunks);
+        if mcap.order.is_moved() {
+            // A chunk may use channels of a chunk that precedes it in the file.
+            mcap.described = described;
+        }
+    }
+    mcap.file.seek(MAGIC.len() as u64)?;
+    Ok(Box::new(Ordered::new(mcap)))
+}
+
+/// The summary at the end of a file.
+#[derive(Default)]
+struct Summary {
+    described: Described,
+    chunks: Vec<IndexedChunk>,
+    /// Number of chunks according to the statistics.
+    count: Option<u32>,
+}
+
+impl Summary {
+    /// `true` if it lists all chunks and has topics.
+    fn is_whole(&self) -> bool {
+        let is_listed = self.count.is_some_and(|count| count as usize == self.chunks.len());
+        is_listed && !self.chunks.is_empty() && !self.described.topics.is_empty()
+    }
+
+    fn add(&mut self, kind: u8, content: &[u8]) -> Result<(), MessageError> {
+        let mut fields = Fields::new(Wire::Ros1, content)?;
+        match kind {
+            SCHEMA | CHANNEL => self.described.add(kind, content)?,
+            CHUNK_INDEX => {
+                let (start, _, byte) = (fields.u64("a time")?, fields.u64("a time")?, fields.u64("an offset")?);
+                self.chunks.push(IndexedChunk { start: nanoseconds(start), byte });
+            }
+            STATISTICS => {
+                fields.u64("its counts")?;
+                fields.u16("its counts")?;
+                for _ in 0..3 {
+                    fields.u32("its counts")?;
+                }
+                self.count = Some(fields.u32("its counts")?);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn nanoseconds(time: u64) -> i64 {
+    i64::try_from(time).unwrap_or(i64::MAX)
 }
 
 struct Mcap {
     file: ByteReader,
+    order: ChunkOrder,
+    /// `true` if no message of another chunk precedes those of the current one.
+    is_settled: bool,
     /// The records of a chunk, or a single record outside of chunks.
     records: Vec<u8>,
     position: usize,
@@ -102,6 +161,8 @@ fn packing(compression: &[u8]) -> Result<Packing, ChunkError> {
 struct ChunkHead<'a> {
     /// Decompressed size in bytes.
     size: u64,
+    /// CRC-32 of the decompressed content; 0 if it was not computed.
+    checksum: u32,
     compression: &'a [u8],
     /// Compressed size in bytes.
     length: u64,
@@ -114,10 +175,10 @@ impl<'a> ChunkHead<'a> {
         fields.u64("its head")?;
         fields.u64("its head")?;
         let size = fields.u64("its head")?;
-        fields.u32("its head")?;
+        let checksum = fields.u32("its head")?;
         let compression = fields.text("its head")?;
         let length = fields.u64("its head")?;
-        Ok(Self { size, compression, length, packed: fields.rest() })
+        Ok(Self { size, checksum, compression, length, packed: fields.rest() })
     }
 }
 
@@ -125,6 +186,11 @@ impl Mcap {
     /// Reads the next record of the file, or the records of the next chunk. Returns `false` at the end.
     fn next_records(&mut self) -> Result<bool, RecordingError> {
         loop {
+            match self.order.next() {
+                None => {}
+                Some(Some(byte)) => self.file.seek(byte)?,
+                Some(None) => return Ok(false),
+            }
             let start = self.file.position();
             let Some([kind, length @ ..]) = self.file.array::<RECORD_HEAD>()? else {
                 return self.cut_off(start);
@@ -142,6 +208,7 @@ impl Mcap {
                         self.records.clear();
                         self.file.damaged(start, format!("a chunk is damaged: {what}"))
                     })?;
+                    self.is_settled = self.order.is_settled(start, times(&self.records));
                     return Ok(true);
                 }
                 SCHEMA | CHANNEL | MESSAGE => {
@@ -150,7 +217,7 @@ impl Mcap {
                     self.records.push(kind);
                     self.records.extend_from_slice(&length.to_le_bytes());
                     self.records.extend_from_slice(&self.packed);
-                    (self.position, self.byte) = (0, start);
+                    (self.position, self.byte, self.is_settled) = (0, start, false);
                     return Ok(true);
                 }
                 DATA_END => {
@@ -173,7 +240,7 @@ impl Mcap {
     fn take_beginning(&mut self, start: u64) -> Result<bool, RecordingError> {
         // With a wrong length, this could be the whole rest of the file.
         self.file.read(&mut self.packed, self.file.left().min(MOST_UNPACKED))?;
-        (self.position, self.byte) = (0, start);
+        (self.position, self.byte, self.is_settled) = (0, start, false);
         self.records.clear();
         let Ok(ChunkHead { compression, packed, .. }) = ChunkHead::of(&self.packed) else { return Ok(false) };
         if let Ok(packing) = packing(compression) {
@@ -183,13 +250,18 @@ impl Mcap {
     }
 
     fn unpack(&mut self) -> Result<(), ChunkError> {
-        let ChunkHead { size, compression, length, packed } = ChunkHead::of(&self.packed)?;
+        let ChunkHead { size, checksum, compression, length, packed } = ChunkHead::of(&self.packed)?;
         let packed = usize::try_from(length).ok().and_then(|length| packed.get(..length));
-        packing(compression)?.unpack(packed.ok_or(ChunkError::Short)?, size, &mut self.records)
+        packing(compression)?.unpack(packed.ok_or(ChunkError::Short)?, size, &mut self.records)?;
+        let mut crc = Crc::new();
+        if checksum != 0 {
+            crc.update(&self.records);
+        }
+        if crc.sum() == checksum { Ok(()) } else { Err(ChunkError::Checksum { stated: checksum, found: crc.sum() }) }
     }
 
-    /// Reads the topics from the summary, which follows all messages.
-    fn summary(&mut self) -> Result<Option<Vec<Topic>>, RecordingError> {
+    /// Reads the summary, which follows all messages; `None` if there is none.
+    fn summary(&mut self) -> Result<Option<Summary>, RecordingError> {
         let end = self.file.length().saturating_sub(FOOTER);
         self.file.seek(end)?;
         let Some([kind, _, _, _, _, _, _, _, _, start @ ..]) = self.file.array::<{ RECORD_HEAD + 8 }>()? else {
@@ -202,17 +274,29 @@ impl Mcap {
         self.file.seek(start)?;
         let mut bytes = Vec::new();
         self.file.read(&mut bytes, LONGEST_SUMMARY.min(end - start))?;
-        let (mut described, mut rest) = (Described::default(), bytes.as_slice());
-        while let Some((&[kind, ref length @ ..], after)) = rest.split_first_chunk::<RECORD_HEAD>() {
-            let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
-            let Some((content, after)) = after.split_at_checked(length) else { break };
-            if matches!(kind, SCHEMA | CHANNEL) && described.add(kind, content).is_err() {
-                return Ok(None);
-            }
-            rest = after;
-        }
-        Ok(Some(described.topics).filter(|topics| !topics.is_empty()))
+        let mut summary = Summary::default();
+        Ok(records(&bytes).try_for_each(|(kind, content)| summary.add(kind, content)).is_ok().then_some(summary))
     }
+}
+
+/// Returns the kinds and contents of consecutive records.
+fn records(mut bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
+    std::iter::from_fn(move || {
+        let (&[kind, ref length @ ..], after) = bytes.split_first_chunk::<RECORD_HEAD>()?;
+        let (content, after) = after.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+        bytes = after;
+        Some((kind, content))
+    })
+}
+
+/// Returns the time of recording of a message, which follows the numbers of the channel and of the message.
+fn time(message: &[u8]) -> Option<i64> {
+    Some(nanoseconds(u64::from_le_bytes(*message.get(6..)?.first_chunk()?)))
+}
+
+/// Returns the times of the messages in a chunk.
+fn times(chunk: &[u8]) -> impl Iterator<Item = i64> {
+    records(chunk).filter(|(kind, _)| *kind == MESSAGE).filter_map(|(_, message)| time(message))
 }
 
 /// Schemas and channels found so far.
@@ -280,7 +364,9 @@ impl Container for Mcap {
                     .map_err(|error| self.file.damaged(self.byte, format!("a channel is damaged: {error}")))?,
                 MESSAGE => {
                     // Channel, number, and two times.
-                    let channel = self.records.get(start..end).and_then(|content| content.first_chunk());
+                    let content = self.records.get(start..end);
+                    let time = content.and_then(time).unwrap_or(i64::MIN);
+                    let channel = content.and_then(|content| content.first_chunk());
                     let channel = channel.map(|bytes| u16::from_le_bytes(*bytes));
                     let Some(&topic) = channel.and_then(|channel| self.described.channels.get(&channel)) else {
                         return Err(self.file.damaged(self.byte, "a message belongs to an unknown channel"));
@@ -292,7 +378,7 @@ impl Container for Mcap {
                         unpack_message(message, &mut self.unpacked)
                             .map_err(|error| self.file.damaged(self.byte, format!("a message is damaged: {error}")))?;
                     }
-                    return Ok(Some(MessageHead { topic, byte: self.byte }));
+                    return Ok(Some(MessageHead { topic, byte: self.byte, time, is_settled: self.is_settled }));
                 }
                 _ => {}
             }
@@ -313,9 +399,9 @@ impl Container for Mcap {
 
     fn listed(&mut self) -> Option<Vec<Topic>> {
         let position = self.file.position();
-        let topics = self.summary().ok().flatten();
+        let summary = self.summary().ok().flatten();
         self.file.seek(position).ok()?;
-        topics
+        Some(summary?.described.topics).filter(|topics| !topics.is_empty())
     }
 
     fn done(&self) -> f64 {

@@ -1,7 +1,8 @@
 //! Reader of the tables in an SQLite file, row by row (<https://www.sqlite.org/fileformat2.html>).
 //!
 //! A file consists of pages of one size, the first of which begins with a header of 100 bytes. A table is a tree of
-//! pages: inner pages (kind 5) list others, leaves (kind 13) contain rows. The part of a row that does not fit in its
+//! pages: inner pages (kind 5) list others, leaves (kind 13) contain rows. An index is a tree of inner pages (kind 2) and
+//! leaves (kind 10) with the values of a column and the numbers of their rows, in order of the values. The part of a row that does not fit in its
 //! page is in a list of overflow pages. Numbers are big-endian.
 
 use std::path::Path;
@@ -16,6 +17,8 @@ pub const MAGIC: &[u8] = b"SQLite format 3\0";
 const HEADER: usize = 100;
 const INNER: u8 = 5;
 const LEAF: u8 = 13;
+const INDEX_INNER: u8 = 2;
+const INDEX_LEAF: u8 = 10;
 /// Depth limit of a tree. A deeper one is cyclic, because with two branches per page it would have more pages than any
 /// file.
 const DEEPEST: usize = 64;
@@ -42,7 +45,15 @@ pub struct Table {
     next: Option<u32>,
 }
 
-/// A page of a table.
+/// Position in an index that is being read.
+pub struct Walk {
+    /// Pages from the root to the current one.
+    path: Vec<Page>,
+    /// Number of the next page, if it has not been read.
+    next: Option<u32>,
+}
+
+/// A page of a table or an index.
 struct Page {
     number: u32,
     bytes: Vec<u8>,
@@ -50,7 +61,7 @@ struct Page {
     byte: u64,
     /// Offset of the page's own header in `bytes`.
     start: usize,
-    /// Number of cells, and index of the next cell.
+    /// Number of cells, and index of the next cell; in an inner page of an index, of the next child or cell.
     cells: usize,
     cell: usize,
 }
@@ -66,10 +77,13 @@ pub enum Value<'a> {
     Bytes(&'a [u8]),
 }
 
-/// Description of a table.
+/// Description of a table, or of an index of one.
+#[derive(Clone)]
 pub struct Description {
     /// Name of the table.
     pub name: String,
+    /// `true` for an index.
+    pub is_index: bool,
     /// Names of its columns.
     pub columns: Vec<String>,
     root: u32,
@@ -79,6 +93,16 @@ impl Description {
     /// Starts reading the table at its first row.
     pub fn open(&self) -> Table {
         Table { path: Vec::new(), next: Some(self.root) }
+    }
+
+    /// Starts reading the index at its lowest value.
+    pub fn walk(&self) -> Walk {
+        Walk { path: Vec::new(), next: Some(self.root) }
+    }
+
+    /// `true` if this is an index of the column `name` of the table `table` in ascending order.
+    pub fn orders(&self, table: &str, name: &str) -> bool {
+        self.is_index && self.name == table && matches!(self.columns.as_slice(), [column] if column == name)
     }
 
     /// Returns the index of the column with this name.
@@ -99,7 +123,16 @@ impl Pages {
             let kind = RecordingErrorKind::Unmerged { log: log.into() };
             return Err(RecordingError::new(path, kind));
         }
-        let mut file = ByteReader::open(path)?;
+        Self::with_buffer(path, 1 << 18)
+    }
+
+    /// Opens the file at `path` to read single pages of it.
+    pub fn for_index(path: &Path) -> Result<Self, RecordingError> {
+        Self::with_buffer(path, 1 << 12)
+    }
+
+    fn with_buffer(path: &Path, buffer: usize) -> Result<Self, RecordingError> {
+        let mut file = ByteReader::with_buffer(path, buffer)?;
         let length = file.left();
         let Some(header) = file.array::<HEADER>()? else {
             return Err(file.damaged(0, "the header is incomplete"));
@@ -121,7 +154,7 @@ impl Pages {
         Ok(Self { file, size, usable, count, promised, read: 0, truncated: None })
     }
 
-    /// Returns the tables of the file. If the file is cut off, some may be missing.
+    /// Returns the tables of the file, and the indices of their columns. If the file is cut off, some may be missing.
     ///
     /// # Errors
     /// If the file is damaged.
@@ -130,11 +163,16 @@ impl Pages {
         let (mut row, mut tables) = (Vec::new(), Vec::new());
         while let Some((_, byte)) = self.next(&mut schema, &mut row)? {
             let values = values(&row).ok_or_else(|| self.file.damaged(byte, "a row cannot be read"))?;
-            if let [Value::Bytes(b"table"), Value::Bytes(name), _, Value::Whole(root), Value::Bytes(sql)] = values[..]
+            if let [Value::Bytes(kind), _, Value::Bytes(table), Value::Whole(root), Value::Bytes(sql)] = values[..]
                 && let Ok(root) = u32::try_from(root)
             {
                 let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
-                tables.push(Description { name: text(name), columns: columns(&text(sql)), root });
+                let (name, sql, is_index) = (text(table), text(sql), kind == b"index");
+                // A partial index lacks rows, and a descending one has another order.
+                let is_other = |word: &str| sql.split_whitespace().any(|part| part.trim_end_matches(')') == word);
+                if kind == b"table" || is_index && !is_other("WHERE") && !is_other("DESC") {
+                    tables.push(Description { name, is_index, columns: columns(&sql), root });
+                }
             }
         }
         Ok(tables)
@@ -165,6 +203,86 @@ impl Pages {
         next
     }
 
+    /// Reads the next entry of an index of whole numbers: the number, and the number of its row. `None` at the end, also
+    /// if the file is cut off.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn next_entry(&mut self, walk: &mut Walk) -> Result<Option<(i64, i64)>, RecordingError> {
+        loop {
+            if let Some(number) = walk.next.take() {
+                let parent = walk.path.last().map_or(0, |page| page.byte);
+                if walk.path.len() == DEEPEST {
+                    return Err(self.file.damaged(parent, "its pages form a cycle"));
+                }
+                let Some(page) = self.page(number, parent, [INDEX_INNER, INDEX_LEAF])? else { return Ok(None) };
+                walk.path.push(page);
+            }
+            let Some(page) = walk.path.last_mut() else {
+                self.read = 0;
+                return Ok(None);
+            };
+            let is_inner = page.bytes.get(page.start) == Some(&INDEX_INNER);
+            let (step, byte) = (page.cell, page.byte);
+            page.cell += 1;
+            // In an inner page, children and cells alternate.
+            let (cell, is_child) = if is_inner { (step / 2, step.is_multiple_of(2)) } else { (step, false) };
+            if cell > page.cells || cell == page.cells && !is_child {
+                walk.path.pop();
+                continue;
+            }
+            let damaged = || self.file.damaged(byte, "an entry of an index is damaged");
+            let start = page.cell_start(cell).ok_or_else(damaged)?;
+            if is_child {
+                walk.next = Some(number(&page.bytes, start).ok_or_else(damaged)?);
+                continue;
+            }
+            let entry = page.bytes.get(if is_inner { start + 4 } else { start }..).and_then(|cell| {
+                let (length, content) = varint(cell)?;
+                let values = values(content.get(..usize::try_from(length).ok()?)?)?;
+                match values.as_slice() {
+                    [Value::Whole(value), Value::Whole(row)] => Some((*value, *row)),
+                    _ => None,
+                }
+            });
+            return entry.ok_or_else(damaged).map(Some);
+        }
+    }
+
+    /// Reads the row `id` of `table` into `row`. Returns the offset of its page; `None` if the file is cut off before
+    /// its end.
+    ///
+    /// # Errors
+    /// If the file is damaged or has no such row.
+    pub fn row(&mut self, table: &Description, id: i64, row: &mut Vec<u8>) -> Result<Option<u64>, RecordingError> {
+        let (mut next, mut parent) = (table.root, 0);
+        self.read = 0;
+        for _ in 0..DEEPEST {
+            let Some(page) = self.page(next, parent, [INNER, LEAF])? else { return Ok(None) };
+            let byte = page.byte;
+            let is_inner = page.bytes.get(page.start) == Some(&INNER);
+            // The first row of a leaf with this number, or the first child whose last row has at least this number.
+            let id_of = |start: usize| {
+                let cell = page.bytes.get(start + if is_inner { 4 } else { 0 }..)?;
+                Some(if is_inner { varint(cell)?.0 } else { varint(varint(cell)?.1)?.0 })
+            };
+            let fits =
+                |start: &usize| id_of(*start).is_some_and(|found| if is_inner { found >= id } else { found == id });
+            let found = (0..page.cells).filter_map(|cell| page.cell_start(cell)).find(fits);
+            if is_inner {
+                let child = found.or_else(|| page.cell_start(page.cells)).and_then(|start| number(&page.bytes, start));
+                next = child.ok_or_else(|| self.file.damaged(byte, "a page of a table is damaged"))?;
+                parent = byte;
+                continue;
+            }
+            let start = found.ok_or_else(|| self.file.damaged(byte, format!("row {id} of a table is missing")))?;
+            let begun = self.begin_row(&page, start, row).map_err(|what| self.file.damaged(byte, what))?;
+            let whole = self.overflow(begun.overflow, begun.length, byte, row)?;
+            return Ok(whole.then_some(byte));
+        }
+        Err(self.file.damaged(parent, "its pages form a cycle"))
+    }
+
     fn end(&mut self, table: &mut Table) {
         *table = Table { path: Vec::new(), next: None };
         self.read = 0;
@@ -177,7 +295,7 @@ impl Pages {
                 if table.path.len() == DEEPEST || table.path.iter().any(|page| page.number == number) {
                     return Err(self.file.damaged(parent, "its pages form a cycle"));
                 }
-                let Some(page) = self.page(number, parent)? else { return Ok(None) };
+                let Some(page) = self.page(number, parent, [INNER, LEAF])? else { return Ok(None) };
                 table.path.push(page);
             }
             let Some(page) = table.path.last_mut() else { return Ok(None) };
@@ -248,9 +366,9 @@ impl Pages {
         Ok(true)
     }
 
-    /// Reads a page of a table, to which the page at `parent` refers. Returns `None` if the file is cut off before its
-    /// end.
-    fn page(&mut self, number: u32, parent: u64) -> Result<Option<Page>, RecordingError> {
+    /// Reads a page of one of these kinds, to which the page at `parent` refers. Returns `None` if the file is cut off
+    /// before its end.
+    fn page(&mut self, number: u32, parent: u64, kinds: [u8; 2]) -> Result<Option<Page>, RecordingError> {
         let mut bytes = Vec::new();
         if !self.read(number, parent, &mut bytes)? {
             return Ok(None);
@@ -259,7 +377,7 @@ impl Pages {
         let start = if number == 1 { HEADER } else { 0 };
         let count = bytes.get(start + 3..).and_then(|rest| rest.first_chunk());
         match (bytes.get(start), count) {
-            (Some(&(INNER | LEAF)), Some(count)) => {
+            (Some(kind), Some(count)) if kinds.contains(kind) => {
                 let cells = u16::from_be_bytes(*count).into();
                 Ok(Some(Page { number, bytes, byte, start, cells, cell: 0 }))
             }
@@ -339,18 +457,24 @@ impl Page {
         if index > self.cells || index == self.cells && !inner {
             return Ok(Cell::End);
         }
-        let start = if index == self.cells {
-            // The last child of an inner page, after all cells.
-            self.start + 8
-        } else {
-            let pointers = self.start + if inner { 12 } else { 8 };
-            let offset = self.bytes.get(pointers + 2 * index..).and_then(|rest| rest.first_chunk());
-            u16::from_be_bytes(*offset.ok_or("a page is shorter than its list of rows")?).into()
-        };
+        let start = self.cell_start(index).ok_or("a page is shorter than its list of rows")?;
         if !inner {
             return Ok(Cell::Row(start));
         }
         number(&self.bytes, start).map(Cell::Child).ok_or("a page of a table is damaged")
+    }
+}
+
+impl Page {
+    /// Returns the offset of a cell, or of the number of the last child of an inner page, which has no cell.
+    fn cell_start(&self, cell: usize) -> Option<usize> {
+        let is_inner = matches!(self.bytes.get(self.start), Some(&(INNER | INDEX_INNER)));
+        if cell >= self.cells && is_inner {
+            return Some(self.start + 8);
+        }
+        let pointers = self.start + if is_inner { 12 } else { 8 };
+        let offset = self.bytes.get(pointers + 2 * cell..)?.first_chunk()?;
+        Some(u16::from_be_bytes(*offset).into())
     }
 }
 

@@ -28,6 +28,7 @@ use evcal_files::folder::{FolderError, OutputFolder};
 use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
+use event_recordings::RecordingError;
 
 /// Subfolder with the files for other programs.
 const EXPORTS: &str = "exports";
@@ -135,7 +136,7 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
     let put = |path: PathBuf, content: &[u8]| evcal_files::write(&path, content);
     let calibration = CalibrationFile {
         command: (!task.command_line.is_empty()).then(|| task.command_line.to_owned()),
-        input_files: input_files(task),
+        input_files: input_files(task).map_err(changed)?,
         ..CalibrationFile::new(calibrated, task.board, task.wording)
     };
     let failed = |error: serde_json::Error| FileError::new(&folder.join("calibration.json"), error.into());
@@ -226,6 +227,11 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
     }
     let CalibrationFile { input_files, .. } = calibration;
     Ok((Written { json, summary, stage_report }, input_files))
+}
+
+/// Converts an error about an input.
+fn changed(error: RecordingError) -> FileError {
+    FileError::new(&error.path, std::io::Error::other(error.kind))
 }
 
 /// Lists the result files in `folder`, sorted by name.
