@@ -7,6 +7,7 @@
 //! | [`Evt2Decoder`] | Prophesee EVT 2.0: GenX320, IMX636 and others, words of 32 bits |
 //! | [`Evt21Decoder`] | Prophesee EVT 2.1: the same in groups of 32 pixels, words of 64 bits |
 //! | [`Evt3Decoder`] | Prophesee EVT 3.0: IMX636 and others, words of 16 bits |
+//! | [`Evt4Decoder`] | Prophesee EVT 4.0: words of 32 bits |
 //! | [`PackedDecoder`] | evcal's packed records: any other sensor, and test files, words of 32 bits |
 //!
 //! All formats truncate time to a few bits, which wrap; the decoders extend it to 64 bits. If the sensor's clock is
@@ -31,6 +32,7 @@ mod evt;
 mod evt2;
 mod evt21;
 mod evt3;
+mod evt4;
 mod packed;
 #[cfg(test)]
 mod tests;
@@ -39,6 +41,7 @@ mod words;
 pub use evt::{EvtCounts, EvtRecord, EvtRecords, Trigger};
 pub use evt2::{Evt2Decoder, Evt2Encoder, Evt2Words};
 pub use evt3::Evt3Decoder;
+pub use evt4::{Evt4Decoder, Evt4Encoder};
 pub use evt21::Evt21Decoder;
 pub use packed::{PackedCounts, PackedDecoder, PackedEncoder, PackedWords};
 pub use words::Words;

@@ -11,7 +11,7 @@ use std::time::Duration;
 use evcal_calibrate::circles::{stream, track};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::settings::Settings;
-use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder};
+use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt4Decoder, Evt21Decoder};
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::{Board, BoardError, BoardProblem};
 use evcal_live::page::Page;
@@ -433,8 +433,10 @@ fn read_evt(bytes: &[u8]) {
     let mut evt2 = Evt2Decoder::default();
     let mut evt21 = Evt21Decoder::default();
     let mut evt3 = Evt3Decoder::default();
+    let mut evt4 = Evt4Decoder::default();
     for word in bytes.as_chunks().0 {
         let _ = evt2.push(u32::from_le_bytes(*word));
+        let _ = evt4.push(u32::from_le_bytes(*word)).count();
     }
     for word in bytes.as_chunks().0 {
         let _ = evt21.push(u64::from_le_bytes(*word)).count();

@@ -218,12 +218,14 @@ fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
         | UnsupportedFormat::Xz
         | UnsupportedFormat::Zstandard
         | UnsupportedFormat::Bzip2
+        | UnsupportedFormat::Lz4
         | UnsupportedFormat::Tar
         | UnsupportedFormat::SevenZip
         | UnsupportedFormat::Rar
         | UnsupportedFormat::Zip => "unpack it first",
         UnsupportedFormat::Calibration => "evcal.Camera.load reads it",
         UnsupportedFormat::Parquet
+        | UnsupportedFormat::Arrow
         | UnsupportedFormat::Pickle
         | UnsupportedFormat::Spreadsheet
         | UnsupportedFormat::VirtualHdf5 => "load it in Python and give its events as an array",

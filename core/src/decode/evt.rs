@@ -195,6 +195,15 @@ impl<const BITS: u32, const SHIFT: u32, const LEAP: u32> EvtClock<BITS, SHIFT, L
         before != (self.trust, self.high)
     }
 
+    /// Advances time high by one, because time low wrapped.
+    pub(super) fn step(&mut self) {
+        if self.trust == Trust::Steady {
+            let high = (self.high + 1) & Self::MASK;
+            self.advance(high);
+            self.high = high;
+        }
+    }
+
     fn advance(&mut self, high: u32) {
         let elapsed = high.wrapping_sub(self.high) & Self::MASK;
         self.base_us = self.base_us.saturating_add(i64::from(elapsed) << SHIFT);

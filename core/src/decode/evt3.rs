@@ -15,12 +15,15 @@
 //! | 0x7, 0xD, 0xE, 0xF | continued, IMU, other, continued | vendor specific |
 //!
 //! A time is time high × 4096 + time low in microseconds; it wraps after 2²⁴ µs (16.8 s). A new time high sets time
-//! low to zero.
+//! low to zero. A time low that falls by more than half of its range without a time high between has wrapped: some
+//! writers give a single time high.
 
 use super::evt::{EvtClock, EvtCounts, EvtRecords, Trigger};
 use crate::event::{Event, Polarity};
 
 const LOW_MASK: u16 = 0xfff;
+/// Half of the range of time low.
+const HALF_RANGE: u16 = 1 << 11;
 const COORDINATE: u16 = 0x7ff;
 const POLARITY: u16 = 0x800;
 
@@ -29,8 +32,10 @@ const POLARITY: u16 = 0x800;
 pub struct Evt3Decoder {
     /// A jump is more than 244 × 4096 µs ≈ 1 s.
     clock: EvtClock<12, 12, 244>,
-    /// `None` before the first time low.
-    low: Option<u16>,
+    /// Time low; 0 before the first one.
+    low: u16,
+    /// `true` if no time high came after the latest time low.
+    has_low: bool,
     /// `None` before the first row, and in rows of other data.
     row: Option<u16>,
     /// First column of the next word of a group.
@@ -42,7 +47,7 @@ pub struct Evt3Decoder {
 impl Evt3Decoder {
     /// Creates a decoder for the beginning of a stream, or any position in it.
     pub const fn new() -> Self {
-        Self { clock: EvtClock::new(), low: None, row: None, column: 0, on: false }
+        Self { clock: EvtClock::new(), low: 0, has_low: false, row: None, column: 0, on: false }
     }
 
     /// Decodes the next word; returns its events or its trigger.
@@ -65,13 +70,18 @@ impl Evt3Decoder {
             0x4 => return self.group(word & 0xfff, 12),
             0x5 => return self.group(word & 0xff, 8),
             0x6 => {
-                self.low = Some(word & LOW_MASK);
+                let low = word & LOW_MASK;
+                if self.has_low && self.low > low + HALF_RANGE {
+                    self.clock.step();
+                }
+                (self.low, self.has_low) = (low, true);
                 return EvtRecords::none();
             }
             0x8 => {
                 if self.clock.set_high(u32::from(word)) {
-                    self.low = self.low.map(|_| 0);
+                    self.low = 0;
                 }
+                self.has_low = false;
                 return EvtRecords::none();
             }
             0xa => {
@@ -107,10 +117,6 @@ impl Evt3Decoder {
     }
 
     fn time(&mut self) -> Option<i64> {
-        let Some(low) = self.low else {
-            self.clock.counts.without_time = self.clock.counts.without_time.saturating_add(1);
-            return None;
-        };
-        self.clock.time(u32::from(low))
+        self.clock.time(u32::from(self.low))
     }
 }

@@ -144,7 +144,7 @@ fn evt3_words_made_by_hand() {
     let words = [
         0x2003, // no row, no time
         0x0007, 0x2003, // no time
-        0x8002, 0x2003, // no time low
+        0x8002, 0x2003, // time low is zero before the first one: OFF at (3, 7)
         0x6005, 0x2803, // 8197 µs, ON at (3, 7)
         0x0907, 0x2004, // row 263 of the other camera, OFF
         0x3809, 0x4801, 0x5082, 0x4001, // ON: 9, 20; 22, 28; 29
@@ -157,6 +157,7 @@ fn evt3_words_made_by_hand() {
     ];
     let on = |x| EvtRecord::Event(event(8197, x, 263, Polarity::On));
     let expected = [
+        EvtRecord::Event(event(8192, 3, 7, Polarity::Off)),
         EvtRecord::Event(event(8197, 3, 7, Polarity::On)),
         EvtRecord::Event(event(8197, 4, 263, Polarity::Off)),
         on(9),
@@ -169,7 +170,7 @@ fn evt3_words_made_by_hand() {
         EvtRecord::Event(event(12_288, 1, 263, Polarity::Off)),
     ];
     assert_eq!(decode_evt3(&mut decoder, &words), expected);
-    let counts = EvtCounts { without_time: 2, without_row: 3, vendor: 4, unknown: 3, ..EvtCounts::default() };
+    let counts = EvtCounts { without_time: 1, without_row: 3, vendor: 4, unknown: 3, ..EvtCounts::default() };
     assert_eq!(*decoder.counts(), counts);
 }
 
@@ -180,6 +181,66 @@ fn evt3_time_continues_after_a_wrap_and_a_repeated_time_high_changes_nothing() {
     let wrap = 1_i64 << 24;
     assert_eq!(times(&decode_evt3(&mut decoder, &words)), [wrap - 1, wrap - 1, wrap + 1, wrap + 4096]);
     assert_eq!(*decoder.counts(), EvtCounts::default());
+}
+
+/// Some writers give a single time high. Late events around a wrap, and a time high that comes after all, change
+/// nothing.
+#[test]
+fn a_time_low_of_evt3_that_falls_has_wrapped() {
+    let single: Vec<u16> =
+        [0x8010, 0x0001].into_iter().chain((0..900).flat_map(|step| [0x6000 | step * 700 % 4096, 0x2000])).collect();
+    let expected: Vec<i64> = (0..900).map(|step| 0x10 * 4096 + step * 700).collect();
+    assert_eq!(times(&decode_evt3(&mut Evt3Decoder::new(), &single)), expected);
+    let words = [
+        0x8010, 0x0001, 0x6ffe, 0x2000, // the time high is lost
+        0x6001, 0x2000, 0x8011, 0x6002, 0x2000, 0x8012, 0x6001, 0x2000, 0x8013, 0x6000, 0x2000, 0x6ffd, 0x2000, 0x6003,
+        0x2000, // a late event, then one that looks like a wrap
+        0x8014, 0x6001, 0x2000,
+    ];
+    let base = 0x10 * 4096;
+    let expected = [0xffe, 0x1001, 0x1002, 0x2001, 0x3000, 0x3ffd, 0x4003, 0x4001].map(|t| base + t);
+    assert_eq!(times(&decode_evt3(&mut Evt3Decoder::new(), &words)), expected);
+}
+
+#[test]
+fn evt4_words_made_by_hand() {
+    let mut decoder = Evt4Decoder::new();
+    let words = [
+        word(0xa, 0, 1, 1), // no time
+        0xe000_0010,
+        word(0xb, 5, 3, 7),
+        word(0xa, 6, 2047, 2047), // events at 1029 and 1030 µs
+        word(0xc, 7, 100, 9),
+        0x8000_0005, // OFF at 100, 102 and 131
+        word(0xd, 7, 100, 9),
+        0xe000_0010, // a mask that looks like a time high: ON at 104, 129, 130 and 131
+        0xffff_ffff,
+        word(0x9, 8, 0, 0x0301), // padding; rising edge of input 3
+        0x6000_0014,
+        0x7000_0001,
+        0x0000_0000,
+        0x8000_0000, // vendor; not types of EVT 4.0
+        0xe000_0011,
+        word(0xb, 0, 4, 4),
+    ];
+    let on = |t, x, y| EvtRecord::Event(event(t, x, y, Polarity::On));
+    let off = |t, x, y| EvtRecord::Event(event(t, x, y, Polarity::Off));
+    let expected = [
+        on(1029, 3, 7),
+        off(1030, 2047, 2047),
+        off(1031, 100, 9),
+        off(1031, 102, 9),
+        off(1031, 131, 9),
+        on(1031, 104, 9),
+        on(1031, 129, 9),
+        on(1031, 130, 9),
+        on(1031, 131, 9),
+        EvtRecord::Trigger(Trigger { t: 1032, channel: 3, rising: true }),
+        on(1088, 4, 4),
+    ];
+    let records: Vec<EvtRecord> = words.iter().flat_map(|&word| decoder.push(word)).collect();
+    assert_eq!(records, expected);
+    assert_eq!(*decoder.counts(), EvtCounts { without_time: 1, vendor: 2, unknown: 2, ..EvtCounts::default() });
 }
 
 #[test]
@@ -281,6 +342,18 @@ proptest! {
         let expected: Vec<EvtRecord> = events.into_iter().map(EvtRecord::Event).collect();
         prop_assert_eq!(decode_evt2(&mut decoder, &words), expected);
         prop_assert_eq!(*decoder.counts(), EvtCounts::default());
+    }
+
+    #[test]
+    fn evt4_events_survive_a_round_trip(events in events(2048, 1_000_000)) {
+        let (mut encoder, mut decoder) = (Evt4Encoder::new(), Evt4Decoder::new());
+        let mut decoded = Vec::new();
+        for event in &events {
+            for word in encoder.encode(*event).unwrap() {
+                decoded.extend(decoder.push(word));
+            }
+        }
+        prop_assert_eq!(decoded, events.into_iter().map(EvtRecord::Event).collect::<Vec<_>>());
     }
 
     /// Encodes words of EVT 3.0 in a second way: each event alone, or with its neighbours of the same time as groups of

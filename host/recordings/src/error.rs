@@ -228,6 +228,12 @@ pub enum RecordingErrorKind {
         /// Path of the separate file.
         log: PathBuf,
     },
+    /// A change of an SQLite database was interrupted, and a separate file contains what it replaced.
+    #[error("was not written to its end: what its last change replaced is in {journal}; let sqlite3 undo it with `PRAGMA integrity_check`", journal = journal.display())]
+    Interrupted {
+        /// Path of the separate file.
+        journal: PathBuf,
+    },
     /// The columns of a text file are ambiguous.
     #[error("{0}")]
     Layout(#[source] LayoutError),

@@ -28,6 +28,13 @@ pub struct Frame {
     pub pixels: Vec<u8>,
 }
 
+impl Frame {
+    /// Returns the middle of the exposure in µs; the timestamp if the exposure is not known.
+    pub fn middle(&self) -> i64 {
+        self.exposure.map_or(self.t, |(start, end)| start.midpoint(end))
+    }
+}
+
 /// A frame with an unsupported pixel encoding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnreadFrame {

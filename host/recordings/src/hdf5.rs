@@ -71,6 +71,12 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let Found { table, sensor, offset, frames, samples, .. } = found;
     let Arranged { table, unit: GuessedUnit { unit, is_doubtful: is_unit_doubtful }, code } =
         arrange(path, table, options, &mut notes)?;
+    if let Some(lengths) = table.unequal() {
+        let count = table.count();
+        notes.push(format!(
+            "the arrays of the events have different lengths ({lengths}): the first {count} of each are read, and what follows is lost"
+        ));
+    }
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let others = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
     let other = others.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.data)))).collect();

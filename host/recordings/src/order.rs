@@ -135,3 +135,79 @@ impl Order {
         self.unsorted.clear();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use evcal_core::event::Polarity;
+
+    use super::*;
+
+    fn at(t: i64, x: usize) -> Event {
+        Event { t, x: x as u16, y: 0, polarity: Polarity::On }
+    }
+
+    /// Passes batches of `size` events through the window. Returns the events and the report.
+    fn sorted(events: &[Event], size: usize) -> (Vec<Event>, ReadReport) {
+        let (mut order, mut report, mut latest) = (Order::new(WINDOW), ReadReport::default(), i64::MIN);
+        let (mut all, mut batch) = (Vec::new(), Vec::new());
+        for part in events.chunks(size) {
+            let mut in_order = true;
+            for event in part {
+                in_order &= event.t >= latest;
+                latest = latest.max(event.t);
+            }
+            order.push(part.to_vec(), latest, in_order, &mut report);
+            while order.pop(false, &mut batch) {
+                assert!(batch.iter().all(|event| event.t <= latest - WINDOW) || order.count > MOST_EVENTS - PIECE);
+                all.append(&mut batch);
+            }
+        }
+        while order.pop(true, &mut batch) {
+            all.append(&mut batch);
+        }
+        (all, report)
+    }
+
+    /// Orders of 100,000 events, 3 µs apart, in blocks of at most 0.1 s: none, blocks reversed, two interleaved
+    /// streams of which one is late, and one late event in a thousand.
+    #[test]
+    fn events_within_the_window_are_sorted_and_keep_their_order_at_equal_times() {
+        let truth: Vec<Event> = (0..100_000).map(|index| at(index as i64 / 2 * 3, index % 30_000)).collect();
+        let place: [fn(i64, i64) -> i64; 4] = [
+            |_, index| index,
+            |t, index| t / 90_000 * 90_000 * 100 + 90_000 * 100 - t % 90_000 * 100 + index % 2,
+            |t, index| t * 10 + if index % 4 < 2 { 0 } else { 999_000 },
+            |t, index| t * 10 + if index % 1000 == 0 { 600_000 } else { index % 2 },
+        ];
+        for place in place {
+            let mut given: Vec<(i64, Event)> =
+                truth.iter().enumerate().map(|(index, event)| (place(event.t, index as i64), *event)).collect();
+            given.sort_by_key(|(place, _)| *place);
+            let given: Vec<Event> = given.into_iter().map(|(_, event)| event).collect();
+            let mut expected = given.clone();
+            expected.sort_by_key(|event| event.t);
+            let mut latest = 0;
+            let late = given.iter().filter(|event| {
+                latest = latest.max(event.t);
+                event.t < latest
+            });
+            let late = late.count() as u64;
+            for size in [1, 1000, 16_384, 100_000] {
+                let (events, report) = sorted(&given, size);
+                assert!(events == expected, "{size}");
+                assert_eq!((report.sorted, report.steps_back), (late, 0));
+            }
+        }
+    }
+
+    /// Two million events of one time fill the window. One that is 50 ms earlier follows.
+    #[test]
+    fn what_exceeds_the_window_is_counted() {
+        let mut events: Vec<Event> = (0..2 * MOST_EVENTS).map(|index| at(60_000, index % 100)).collect();
+        events.extend([at(10_000, 1), at(70_000, 2)]);
+        let (sorted, report) = sorted(&events, 30_000);
+        assert_eq!((sorted.len(), report.sorted), (events.len(), 0));
+        assert_eq!((report.steps_back, report.largest_step_back), (1, 50_000));
+        assert!(sorted.is_sorted_by_key(|event| event.t) && sorted[0].t == 60_000);
+    }
+}

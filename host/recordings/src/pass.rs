@@ -155,3 +155,91 @@ fn read_ahead(
     let report = reader.report().clone();
     Ok(Pass { count, first: first.unwrap_or(0), last, camera_name, began, assumptions, report, damage })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+    use std::io::Write;
+    use std::path::{Path, PathBuf};
+
+    use evcal_core::event::Polarity;
+    use evcal_core::sensor::Sensor;
+
+    use super::*;
+    use crate::encode::OutputFormat;
+    use crate::write::EventWriter;
+    use crate::{RecordingErrorKind, RecordingOptions};
+
+    fn events() -> Vec<Event> {
+        let event = |index: i64| Event {
+            t: 1_000_000 + 20 * index,
+            x: (index * 7 % 346) as u16,
+            y: (index * 11 % 260) as u16,
+            polarity: if index % 3 == 0 { Polarity::On } else { Polarity::Off },
+        };
+        (0..200_000).map(event).collect()
+    }
+
+    fn write(path: &Path) -> Recording {
+        let output = OutputFormat::from_extension(path).unwrap();
+        let mut writer = EventWriter::create(path, output, Sensor::new(346, 260), "").unwrap();
+        writer.write(&events()).unwrap();
+        writer.finish().unwrap();
+        // Longer than the resolution of a file system's clock.
+        std::thread::sleep(std::time::Duration::from_millis(30));
+        Recording::new(path, RecordingOptions::default()).unwrap()
+    }
+
+    fn is_changed(read: Result<Pass, RecordingError>, path: &Path) -> bool {
+        read.is_err_and(|error| matches!(error.kind, RecordingErrorKind::Changed) && error.path == path)
+    }
+
+    #[test]
+    fn a_file_that_changes_while_or_after_it_is_read_is_an_error() {
+        let changes: [fn(&Path); 3] = [
+            |path| File::options().append(true).open(path).unwrap().write_all(b"1").unwrap(),
+            |path| File::options().write(true).open(path).unwrap().set_len(1 << 20).unwrap(),
+            |path| {
+                let copy = path.with_extension("copy");
+                std::fs::copy(path, &copy).unwrap();
+                std::fs::rename(copy, path).unwrap();
+            },
+        ];
+        for extension in ["raw", "aedat4", "bag", "h5"] {
+            for change in changes {
+                let folder = tempfile::tempdir().unwrap();
+                let path = folder.path().join("recording").with_extension(extension);
+                let recording = write(&path);
+                assert_eq!(read_recording(&recording, &mut |_| {}).unwrap().count, 200_000);
+                change(&path);
+                assert!(is_changed(read_recording(&recording, &mut |_| {}), &path), "{extension}");
+                let recording = write(&path);
+                let mut is_first = true;
+                let read = read_recording(&recording, &mut |_| {
+                    if std::mem::take(&mut is_first) {
+                        change(&path);
+                    }
+                });
+                assert!(is_changed(read, &path), "{extension}");
+                assert!(recording.source_files().checksums().is_err());
+            }
+        }
+    }
+
+    /// The file of a folder changes, not the folder.
+    #[test]
+    fn all_files_of_a_folder_are_watched() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("part_0.mcap");
+        drop(write(&file));
+        let metadata = "rosbag2_bagfile_information:\n  relative_file_paths: [part_0.mcap]\n";
+        std::fs::write(folder.path().join("metadata.yaml"), metadata).unwrap();
+        let recording = Recording::new(folder.path(), RecordingOptions::default()).unwrap();
+        let names: Vec<PathBuf> =
+            recording.source_files().checksums().unwrap().into_iter().map(|sum| sum.path).collect();
+        assert_eq!(names, [folder.path().join("metadata.yaml"), file.clone()]);
+        assert!(read_recording(&recording, &mut |_| {}).is_ok());
+        File::options().append(true).open(&file).unwrap().write_all(b"1").unwrap();
+        assert!(is_changed(read_recording(&recording, &mut |_| {}), &file));
+    }
+}

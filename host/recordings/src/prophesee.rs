@@ -1,4 +1,4 @@
-//! Recordings of Prophesee's software: RAW (EVT 2.0, 2.1 and 3.0) and DAT.
+//! Recordings of Prophesee's software: RAW (EVT 2.0, 2.1, 3.0 and 4.0) and DAT.
 //!
 //! Both begin with lines `% key value`, which end with `% end` or at the first line of another form.
 
@@ -9,7 +9,7 @@ mod write;
 
 pub use dat::FORMAT as DAT_FORMAT;
 pub use raw::FORMAT as RAW_FORMAT;
-pub use write::OUTPUT as RAW_OUTPUT;
+pub use write::{EVT4_OUTPUT, OUTPUT as RAW_OUTPUT};
 
 use evcal_core::decode::EvtCounts;
 

@@ -360,6 +360,41 @@ mod tests {
         }
     }
 
+    /// Writers of other programs store packets that overlap in time.
+    #[test]
+    fn events_out_of_order_are_sorted_in_every_format() {
+        let truth: Vec<Event> = (0..6000)
+            .map(|index| Event {
+                t: 1_000_003 + 17 * index,
+                x: index as u16 % 346,
+                y: index as u16 % 260,
+                polarity: Polarity::On,
+            })
+            .collect();
+        // Blocks of 20 ms, reversed, with single events 40 ms late.
+        let mut given = truth.clone();
+        given.chunks_mut(1200).for_each(<[Event]>::reverse);
+        for place in (100..3000).step_by(300) {
+            let event = given.remove(place);
+            given.insert(place + 2400, event);
+        }
+        let formats = FORMATS.iter().filter_map(|format| format.output);
+        // The words of RAW and dvraw, and the packets of MCAP, cannot express this.
+        let formats = formats.filter(|output| !["raw", "dvraw", "mcap"].contains(&output.name));
+        let mut names = Vec::new();
+        for output in formats {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("recording");
+            write(&path, *output, &given);
+            let (events, report, error) = read(&path, &RecordingOptions::default());
+            assert!(error.is_none(), "{}: {error:?}", output.name);
+            assert!(events == truth, "{}: {} events", output.name, events.len());
+            assert!(report.sorted > 5000 && report.steps_back == 0 && report.clock_resets == 0, "{}", output.name);
+            names.push(output.name);
+        }
+        assert!(names.len() >= 5, "{names:?}");
+    }
+
     #[test]
     fn options_that_do_not_apply_to_a_format_are_rejected() {
         let options = RecordingOptions {

@@ -476,9 +476,19 @@ mod tests {
 
     #[test]
     fn the_size_of_the_sensor_is_read() {
-        for text in ["346 260\n1 2 3 1\n", "# sensor 346 x 260\nt_us,x,y,p\n1,2,3,1\n"] {
-            let (events, information, _) = default(text);
+        for text in [
+            "346 260\n1 2 3 1\n",
+            "# sensor 346 x 260\nt_us,x,y,p\n1,2,3,1\n",
+            "%geometry:346,260\n2,3,1,1\n",
+            "t,x@346,y@260,on\r\n1,2,3,1\r\n",
+        ] {
+            let options = RecordingOptions {
+                columns: text.starts_with('%').then(|| "x,y,p,t".parse().unwrap()),
+                ..RecordingOptions::default()
+            };
+            let (events, information, _) = read(text.as_bytes(), options).unwrap();
             assert_eq!((events.len(), information.sensor), (1, Some(Sensor::new(346, 260))));
+            assert_eq!((events[0].t, events[0].x, events[0].y), (1, 2, 3));
         }
         let (events, _, report) =
             default("# sensor 346 x 260\nt_us,x,y,p\n1,346,3,1\n2,-1,3,1\n3,99999,3,1\n4,0,0,0\n");

@@ -16,7 +16,7 @@ pub enum UnsupportedFormat {
     Hdf5,
     /// HDF5 whose arrays are views of other arrays (virtual datasets).
     VirtualHdf5,
-    /// Prophesee RAW in an encoding other than EVT 2.0, 2.1 and 3.0.
+    /// Prophesee RAW in an encoding other than EVT 2.0, 2.1, 3.0 and 4.0.
     PropheseeEncoding,
     /// Event Stream of a version other than 2.
     EventStreamVersion,
@@ -30,6 +30,8 @@ pub enum UnsupportedFormat {
     Zstandard,
     /// bzip2.
     Bzip2,
+    /// LZ4.
+    Lz4,
     /// tar.
     Tar,
     /// 7z.
@@ -56,6 +58,10 @@ pub enum UnsupportedFormat {
     Png,
     /// Apache Parquet.
     Parquet,
+    /// Apache Arrow.
+    Arrow,
+    /// A pcap with the fields of a modified libpcap of 1998.
+    ModifiedPcap,
     /// MATLAB before version 7.3 (later versions are HDF5).
     Matlab,
     /// A Python pickle.
@@ -80,13 +86,16 @@ impl fmt::Display for UnsupportedFormat {
             Self::Rosbag1 => "ROS bag of version 1",
             Self::Hdf5 => "HDF5",
             Self::VirtualHdf5 => "virtual HDF5",
-            Self::PropheseeEncoding => "Prophesee RAW with an encoding other than EVT 2.0, 2.1 or 3.0",
+            Self::PropheseeEncoding => "Prophesee RAW with an encoding other than EVT 2.0, 2.1, 3.0 or 4.0",
             Self::EventStreamVersion => "Event Stream (of a version other than 2)",
             Self::EventStreamKind => "Event Stream (from neither a DVS nor an ATIS)",
             Self::Gzip => "gzip",
             Self::Xz => "xz",
             Self::Zstandard => "Zstandard",
             Self::Bzip2 => "bzip2",
+            Self::Lz4 => "LZ4",
+            Self::ModifiedPcap => "modified pcap",
+            Self::Arrow => "Apache Arrow",
             Self::Tar => "tar",
             Self::SevenZip => "7z",
             Self::Rar => "RAR",
@@ -134,6 +143,11 @@ const MARKS: &[Mark] = &[
     mark(0, b"\xfd7zXZ", UnsupportedFormat::Xz),
     mark(0, b"\x28\xb5\x2f\xfd", UnsupportedFormat::Zstandard),
     mark(0, b"BZh", UnsupportedFormat::Bzip2),
+    mark(0, b"\x04\x22\x4d\x18", UnsupportedFormat::Lz4),
+    mark(0, b"\x34\xcd\xb2\xa1", UnsupportedFormat::ModifiedPcap),
+    mark(0, b"\xa1\xb2\xcd\x34", UnsupportedFormat::ModifiedPcap),
+    mark(0, b"ARROW1", UnsupportedFormat::Arrow),
+    mark(0, b"FEA1", UnsupportedFormat::Arrow),
     mark(0, b"{\n  \"format\": \"evcal-calibration\"", UnsupportedFormat::Calibration),
     mark(0, b"{\n  \"", UnsupportedFormat::Json),
     mark(0, b"{\"camera\"", UnsupportedFormat::Json),
@@ -200,6 +214,20 @@ mod tests {
     fn a_calibration_is_distinguished_from_other_json() {
         assert_eq!(recognise(b"{\n  \"format\": \"evcal-calibration\",\n"), Some(UnsupportedFormat::Calibration));
         assert_eq!((recognise(b"{\n  \"other\": 1}"), recognise(b"1,2,3\n")), (Some(UnsupportedFormat::Json), None));
+    }
+
+    #[test]
+    fn files_that_other_programs_write_are_named() {
+        for (bytes, name) in [
+            (&b"ARROW1\0\0\xff\xff\xff\xff"[..], "Apache Arrow"),
+            (b"\x04\x22\x4d\x18\x64\x40\xa7", "LZ4"),
+            (b"\x34\xcd\xb2\xa1\x02\x00\x04\x00", "modified pcap"),
+            (b"\xa1\xb2\xcd\x34\x00\x02\x00\x04", "modified pcap"),
+        ] {
+            assert_eq!(recognise(bytes).unwrap().to_string(), name);
+        }
+        // pcap of microseconds and of nanoseconds.
+        assert_eq!((recognise(b"\xd4\xc3\xb2\xa1\x02\x00"), recognise(b"\x4d\x3c\xb2\xa1\x02\x00")), (None, None));
     }
 
     #[test]

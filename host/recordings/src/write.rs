@@ -12,10 +12,11 @@ pub use super::encode::OutputFormat;
 use super::encode::{Description, Encode, WriteError};
 use super::extras::OtherStreams;
 use crate::formats::FORMATS;
+use crate::prophesee;
 
 /// Returns the formats that can be written.
 pub fn output_formats() -> impl Iterator<Item = OutputFormat> {
-    FORMATS.iter().filter_map(|format| format.output).copied()
+    FORMATS.iter().filter_map(|format| format.output).chain([&prophesee::EVT4_OUTPUT]).copied()
 }
 
 impl OutputFormat {

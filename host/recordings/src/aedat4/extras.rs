@@ -73,13 +73,71 @@ impl ReadExtras for Aedat4Extras {
 mod tests {
     use std::fs::File;
 
+    use evcal_core::event::{Event, Polarity};
     use evcal_core::sensor::Sensor;
 
     use super::*;
-    use crate::Damage;
     use crate::aedat4::header::Compression;
     use crate::aedat4::write::Encoder;
+    use crate::convert::{TimeOrigin, convert};
     use crate::encode::Encode;
+    use crate::encode::OutputFormat;
+    use crate::{Damage, Recording};
+
+    /// dv-processing stamps frames at the start of their exposure, and its newer versions write only the duration.
+    #[test]
+    fn a_bag_stamps_frames_in_the_middle_of_their_exposure() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        let (start, end) = (1_000_000_i64, 1_020_000_i64);
+        let frame = Frame {
+            t: start,
+            exposure: Some((start, end)),
+            readout: None,
+            size: (2, 1),
+            position: (0, 0),
+            channels: 1,
+            pixels: vec![3, 4],
+        };
+        let (sensor, others) = (Sensor::new(346, 260), OtherStreams { frames: true, imu: false });
+        let file = File::create(path("whole.aedat4")).unwrap();
+        let mut encoder = Encoder::with_streams(file, Compression::None, sensor, "", others).unwrap();
+        let event = |t| Event { t, x: 1, y: 2, polarity: Polarity::On };
+        encoder.write(&[event(start - 20_000), event(end + 20_000)]).unwrap();
+        encoder.frame(&frame).unwrap();
+        encoder.finish().unwrap();
+        let mut content = std::fs::read(path("whole.aedat4")).unwrap();
+        let times: Vec<usize> = [start, end]
+            .into_iter()
+            .flat_map(|time| {
+                let places = content.windows(8).enumerate().filter(move |(_, bytes)| *bytes == time.to_le_bytes());
+                places.map(|(place, _)| place).collect::<Vec<_>>()
+            })
+            .collect();
+        // The time of the frame, the start and the end of its exposure; the table at the end repeats the first.
+        assert_eq!((times[1] - times[0], times[times.len() - 1] - times[0]), (24, 32));
+        for place in [times[1], times[times.len() - 1]] {
+            content[place..place + 8].fill(0xff);
+        }
+        std::fs::write(path("duration.aedat4"), content).unwrap();
+        for name in ["whole.aedat4", "duration.aedat4"] {
+            let first = |path: &Path| {
+                let recording = Recording::new(path, RecordingOptions::default()).unwrap();
+                recording.open_extras().unwrap().next_until(i64::MAX, &mut Vec::new())
+            };
+            assert_eq!(first(&path(name)), Some(Extra::Frame(frame.clone())));
+            let recording = Recording::new(path(name), RecordingOptions::default()).unwrap();
+            for output in ["a.aedat4", "a.bag", "a.mcap"] {
+                let format = OutputFormat::from_extension(Path::new(output)).unwrap();
+                convert(&recording, &path(output), format, TimeOrigin::Kept, |_| {}).unwrap();
+                let expected = match output {
+                    "a.aedat4" => frame.clone(),
+                    _ => Frame { t: 1_010_000, exposure: None, ..frame.clone() },
+                };
+                assert_eq!(first(&path(output)), Some(Extra::Frame(expected)), "{name} to {output}");
+            }
+        }
+    }
 
     /// Samples must not be read all at once, and a damaged packet must not lose the others.
     #[test]

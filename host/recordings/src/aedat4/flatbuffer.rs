@@ -47,6 +47,11 @@ pub fn root<'a>(bytes: &'a [u8], identifier: &[u8; 4]) -> Result<Table<'a>, Malf
     table(bytes, 0).ok_or(Malformed("its root table is out of bounds"))
 }
 
+/// Returns the root table of a FlatBuffer that may lack the `identifier`.
+pub fn root_of_any<'a>(bytes: &'a [u8], identifier: &[u8; 4]) -> Result<Table<'a>, Malformed> {
+    root(bytes, identifier).or_else(|error| table(bytes, 0).ok_or(error))
+}
+
 /// Returns the table at the end of the relative offset at `position`.
 fn table(bytes: &[u8], position: usize) -> Option<Table<'_>> {
     let position = position.checked_add(unsigned(bytes, position)?)?;

@@ -6,7 +6,8 @@
 //! ```
 //! `infoNode` is XML: below the node `outInfo` one node per stream, named by its number, with the attributes
 //! `typeIdentifier` (EVTS, FRME, IMUS, TRIG), `originalOutputName` and `originalModuleName` (the module or program that
-//! recorded it), and a node `info` with `sizeX`, `sizeY` and `source` (the camera).
+//! recorded it), and a node `info` with `sizeX`, `sizeY` and `source` (the camera). evutils writes no identifier, calls
+//! the node `info` instead of `outInfo`, and has the size in the node of the stream.
 
 use super::flatbuffer::{self, Malformed};
 
@@ -78,7 +79,7 @@ pub enum HeaderError {
 /// [`HeaderError`].
 pub fn parse(bytes: &[u8]) -> Result<Header, HeaderError> {
     let parse = || {
-        let root = flatbuffer::root(bytes, b"IOHE")?;
+        let root = flatbuffer::root_of_any(bytes, b"IOHE")?;
         Ok((root.i32(0, 0)?, root.i64(1, -1)?, root.string(2)?))
     };
     let (compression, table_position, information) = parse().map_err(|Malformed(what)| HeaderError::Malformed(what))?;
@@ -93,17 +94,17 @@ pub fn parse(bytes: &[u8]) -> Result<Header, HeaderError> {
 
 fn streams(information: &str) -> Result<Vec<Stream>, HeaderError> {
     let document = roxmltree::Document::parse(information)?;
-    let outputs = document
-        .descendants()
-        .find(|node| node.has_tag_name("node") && node.attribute("name") == Some("outInfo"))
-        .ok_or(HeaderError::NoStreams)?;
+    let is_named = |node: &roxmltree::Node, name| node.has_tag_name("node") && node.attribute("name") == Some(name);
+    let outputs = document.descendants().find(|node| is_named(node, "outInfo"));
+    let outputs = outputs.or_else(|| Some(document.root_element()).filter(|root| is_named(root, "info")));
+    let outputs = outputs.ok_or(HeaderError::NoStreams)?;
     let mut streams: Vec<Stream> = outputs
         .children()
         .filter(|node| node.has_tag_name("node"))
         .filter_map(|node| {
             let id = node.attribute("name")?.parse().ok()?;
             let info = node.children().find(|child| child.attribute("name") == Some("info"));
-            let of_info = |key| info.and_then(|info| attribute(info, key));
+            let of_info = |key| attribute(info.unwrap_or(node), key);
             Some(Stream {
                 id,
                 name: attribute(node, "originalOutputName").unwrap_or_default().to_owned(),
@@ -130,4 +131,27 @@ fn attribute<'a>(node: roxmltree::Node<'a, '_>, key: &str) -> Option<&'a str> {
         .find(|child| child.has_tag_name("attr") && child.attribute("key") == Some(key))
         .and_then(|child| child.text())
         .map(str::trim)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A header as evutils writes it: a table without identifier, and other nodes.
+    #[test]
+    fn a_header_of_evutils_is_read() {
+        let xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?><node name=\"info\"><node name=\"0\"><attr \
+                   key=\"typeIdentifier\" type=\"string\">EVTS</attr><attr key=\"sizeX\" type=\"int\">346</attr><attr \
+                   key=\"sizeY\" type=\"int\">260</attr></node><node name=\"1\"><attr key=\"typeIdentifier\" \
+                   type=\"string\">TRIG</attr></node></node>";
+        let table = [16_u32, 0x0014_000a, 0x0008_0004, 0x0000_0010, 12, 0, u32::MAX, u32::MAX, 4, xml.len() as u32];
+        let bytes: Vec<u8> = table.into_iter().flat_map(u32::to_le_bytes).chain(xml.bytes()).chain([0]).collect();
+        let header = parse(&bytes).unwrap();
+        assert_eq!((header.compression, header.table_position), (Compression::None, None));
+        let streams: Vec<_> = header.streams.iter().map(|it| (it.id, it.type_identifier.as_str(), it.size)).collect();
+        assert_eq!(streams, [(0, "EVTS", Some((346, 260))), (1, "TRIG", None)]);
+        for cut in 0..bytes.len() - 1 {
+            assert!(parse(&bytes[..cut]).is_err(), "{cut}");
+        }
+    }
 }

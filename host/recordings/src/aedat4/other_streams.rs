@@ -223,7 +223,8 @@ impl PixelFormat {
     }
 }
 
-/// Parses a frame. Fields 3 and 4 are the exposure times; −1 means unknown.
+/// Parses a frame. Fields 3 and 4 are the exposure times; −1 means unknown. dv-processing writes only the duration, as
+/// field 11; the frame's time is then the start of the exposure.
 fn frame(table: &Table) -> Result<Result<Frame, UnreadFrame>, Malformed> {
     let side = |index| {
         let value = table.i16(index, 0)?;
@@ -250,9 +251,11 @@ fn frame(table: &Table) -> Result<Result<Frame, UnreadFrame>, Malformed> {
         let span = (table.i64(start, -1)?, table.i64(end, -1)?);
         Ok(Some(span).filter(|(start, end)| *start >= 0 && end >= start))
     };
+    let duration = table.i64(11, -1)?;
+    let of_duration = || Some((t, t.checked_add(duration)?)).filter(|_| duration > 0);
     Ok(Ok(Frame {
         t,
-        exposure: span(3, 4)?,
+        exposure: span(3, 4)?.or_else(of_duration),
         readout: span(1, 2)?,
         size: (width, height),
         position: (side(8)?, side(9)?),

@@ -2,7 +2,7 @@
 
 use evcal_core::sensor::Sensor;
 use hdf5_reader::error::Error;
-use hdf5_reader::{Dataset, Hdf5File};
+use hdf5_reader::{Attribute, Dataset, Hdf5File};
 
 use super::table::{self, Table};
 use crate::columns;
@@ -68,8 +68,9 @@ pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
             if !is_named && table.count() <= MOST_ROWS_OF_A_MATRIX {
                 continue;
             }
-            let sensor = sensor(&group, &datasets).or_else(|| upper.and_then(geometry));
-            let sensor = sensor.or_else(|| nodes.first().and_then(|root| geometry(&root.group)));
+            let of_table = || table.datasets().into_iter().find_map(|data| geometry(|name| data.attribute(name).ok()));
+            let sensor = sensor(&group, &datasets).or_else(of_table).or_else(|| upper.and_then(of_group));
+            let sensor = sensor.or_else(|| nodes.first().and_then(|root| of_group(&root.group)));
             let start = group.dataset(OFFSET).or_else(|error| upper.map_or(Err(error), |upper| upper.dataset(OFFSET)));
             let offset = start.ok().as_ref().and_then(table::single);
             let [frames, samples] = [(FRAMES, 3), (SAMPLES, 2)].map(|(name, sides)| timed(&datasets, name, sides));
@@ -160,17 +161,20 @@ fn sensor(group: &hdf5_reader::group::Group, datasets: &[Dataset]) -> Option<Sen
             _ => None,
         }
     };
-    by_datasets().or_else(by_calibration).or_else(by_pictures).or_else(|| geometry(group))
+    by_datasets().or_else(by_calibration).or_else(by_pictures).or_else(|| of_group(group))
 }
 
-/// Returns the size of the sensor from attributes of a group: `geometry`, `width` and `height`, or an attribute with
-/// both numbers.
-fn geometry(group: &hdf5_reader::group::Group) -> Option<Sensor> {
+fn of_group(group: &hdf5_reader::group::Group) -> Option<Sensor> {
+    geometry(|name| group.attribute(name).ok())
+}
+
+/// Returns the size of the sensor from attributes: `geometry`, `width` and `height`, or one with both numbers.
+fn geometry(attribute: impl Fn(&str) -> Option<Attribute>) -> Option<Sensor> {
     let sides = |text: String| {
         let (width, height) = text.split_once('x')?;
         Some(Sensor::new(width.trim().parse().ok()?, height.trim().parse().ok()?))
     };
-    let numbers = |name: &str| table::of_attribute(&group.attribute(name).ok()?);
+    let numbers = |name: &str| table::of_attribute(&attribute(name)?);
     let side = |name: &str| match numbers(name)?.as_slice() {
         [side] => side.pixel().filter(|side| *side > 0),
         _ => None,
@@ -183,9 +187,9 @@ fn geometry(group: &hdf5_reader::group::Group) -> Option<Sensor> {
         }
         _ => None,
     };
-    let geometry = || sides(group.attribute("geometry").ok()?.read_string().ok()?);
+    let geometry = || sides(attribute("geometry")?.read_string().ok()?);
     let by_sides = || Some(Sensor::new(side("width")?, side("height")?));
     geometry()
         .or_else(by_sides)
-        .or_else(|| ["sensor_resolution", "resolution", "sensor_size"].into_iter().find_map(both))
+        .or_else(|| ["sensor_resolution", "resolution", "sensor_size", "sensor_shape"].into_iter().find_map(both))
 }

@@ -45,6 +45,11 @@ fn axis(dataset: &Dataset) -> usize {
     }
 }
 
+/// Returns the number of rows of a dataset.
+fn rows(dataset: &Dataset) -> u64 {
+    dataset.shape().get(axis(dataset)).copied().unwrap_or(0)
+}
+
 impl Table {
     /// Returns the table of one dataset, if it can contain events.
     pub fn of(dataset: &Dataset) -> Option<Self> {
@@ -56,17 +61,27 @@ impl Table {
         }
     }
 
-    fn datasets(&self) -> Vec<&Dataset> {
+    /// Returns the arrays with the events.
+    pub fn datasets(&self) -> Vec<&Dataset> {
         match self {
             Self::Columns(columns) => columns.iter().map(|(_, dataset)| dataset).collect(),
             Self::Rows(dataset, _) | Self::Records(dataset) => vec![dataset],
         }
     }
 
-    /// Number of events.
+    /// Number of events: of the shortest column.
     pub fn count(&self) -> u64 {
-        let count = |dataset: &Dataset| dataset.shape().get(axis(dataset)).copied().unwrap_or(0);
-        self.datasets().into_iter().map(count).min().unwrap_or(0)
+        self.datasets().into_iter().map(rows).min().unwrap_or(0)
+    }
+
+    /// Describes the lengths of the columns, if they differ.
+    pub fn unequal(&self) -> Option<String> {
+        let datasets = self.datasets();
+        let lengths: Vec<u64> = datasets.iter().map(|dataset| rows(dataset)).collect();
+        let name = |dataset: &Dataset| dataset.name().rsplit('/').next().unwrap_or_default().to_owned();
+        let list = || datasets.iter().zip(&lengths).map(|(dataset, length)| format!("{} {length}", name(dataset)));
+        let is_unequal = lengths.windows(2).any(|pair| pair[0] != pair[1]);
+        is_unequal.then(|| list().collect::<Vec<_>>().join(", "))
     }
 
     /// Returns the sizes of its chunks.

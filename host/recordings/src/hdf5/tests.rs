@@ -314,6 +314,19 @@ fn the_name_of_the_times_gives_their_unit() {
     }
 }
 
+#[test]
+fn columns_of_different_lengths_are_named() {
+    let all = events(50);
+    let mut arrays = four("t_us", 1, &all, &[50]);
+    (arrays[1].1, arrays[3].1) = (&[20], &[40]);
+    arrays[1].2.truncate(20);
+    arrays[3].2.truncate(40);
+    let outcome = testing::read(&groups(&[("events", &arrays)]));
+    assert_eq!((outcome.events.as_slice(), outcome.error), (&all[..20], None));
+    let notes = outcome.information.unwrap().notes;
+    assert!(notes.iter().any(|note| note.contains("(t_us 50, x 20, y 50, p 40): the first 20 of each")), "{notes:?}");
+}
+
 /// A first group without events is skipped.
 #[test]
 fn the_first_group_with_events_is_read() {

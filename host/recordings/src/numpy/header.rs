@@ -18,6 +18,8 @@ pub struct Header {
     pub length: u64,
     /// Type of the elements.
     pub element: Element,
+    /// Unit of the elements, if they are times or durations: `s`, `ms`, `us` or `ns`.
+    pub unit: Option<String>,
     /// `true` if the first index varies fastest.
     pub fortran_order: bool,
     /// Number of elements along each index.
@@ -89,6 +91,7 @@ impl Header {
             Literal::Text(text) if text.trim_start_matches(['<', '>', '=']) == "f2" => HALF,
             _ => "elements that are not numbers",
         }))?;
+        let unit = descr.text().and_then(unit_of_time).map(str::to_owned);
         let fortran_order = matches!(key("fortran_order")?, Literal::Word("True"));
         let shape =
             key("shape")?.items().and_then(|items| items.iter().map(Literal::whole).collect::<Option<Vec<_>>>());
@@ -99,7 +102,7 @@ impl Header {
         };
         let bytes = shape.iter().try_fold(size as u64, |product, side| product.checked_mul(*side));
         bytes.filter(|bytes| *bytes < 1 << 62).ok_or("the shape of the array is too large")?;
-        Ok(Self { length, element, fortran_order, shape })
+        Ok(Self { length, element, unit, fortran_order, shape })
     }
 
     /// Number of elements.
@@ -125,7 +128,8 @@ fn element(descr: &Literal) -> Option<Element> {
             titled => titled.items()?.iter().filter_map(Literal::text).collect(),
         };
         let name = names.iter().find(|name| columns::of_name(name).0 != Column::Ignored);
-        let name = name.or(names.last())?.to_string();
+        let unit = parts.get(1)?.text().and_then(unit_of_time);
+        let name = with_unit(name.or(names.last())?, unit);
         let (number, size) = match parts.get(1)? {
             Literal::Text(text) => number_type(text)?,
             nested => match element(nested)? {
@@ -145,6 +149,17 @@ fn element(descr: &Literal) -> Option<Element> {
     (offset > 0).then_some(Element::Record(fields, offset))
 }
 
+/// Returns the unit of a type of times or durations, such as `<m8[us]`.
+fn unit_of_time(text: &str) -> Option<&str> {
+    let (_, unit) = text.trim_end_matches(']').split_once("8[")?;
+    matches!(unit, "s" | "ms" | "us" | "ns").then_some(unit)
+}
+
+/// Returns the name of a column with its unit.
+pub fn with_unit(name: &str, unit: Option<&str>) -> String {
+    unit.map_or_else(|| name.to_owned(), |unit| format!("{name} [{unit}]"))
+}
+
 /// Parses a type such as `<i8`. Returns its size, and its number type if it is a supported number.
 fn number_type(text: &str) -> Option<(Option<NumberType>, usize)> {
     let (order, rest) = text.split_at_checked(1)?;
@@ -156,6 +171,7 @@ fn number_type(text: &str) -> Option<(Option<NumberType>, usize)> {
     let size: usize = digits.parse().ok()?;
     let kind = match kind {
         "i" => NumberKind::Signed,
+        "m" | "M" if unit_of_time(text).is_some() => NumberKind::Signed,
         "u" | "b" => NumberKind::Unsigned,
         "f" => NumberKind::Float,
         "U" => return Some((None, size.checked_mul(4)?)),

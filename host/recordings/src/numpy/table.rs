@@ -249,7 +249,7 @@ fn of_columns(path: &Path, arrays: &[Array]) -> Result<Option<Table>, RecordingE
                     record: number.size,
                     fields,
                 });
-                names.push(columns::event_name(&member.name).to_owned());
+                names.push(header::with_unit(columns::event_name(&member.name), header.unit.as_deref()));
                 counts.push(header.count());
             }
             (None, Column::X | Column::Y, Some((member, header, number, count))) => {

@@ -279,6 +279,30 @@ fn archives_are_read_by_the_names_of_their_arrays() {
     }
 }
 
+/// evlib's columns and pandas give durations or dates.
+#[test]
+fn durations_and_dates_have_a_unit() {
+    let events = events(40);
+    let all = |t: &dyn Fn(&Event) -> i64, descr: &str| {
+        let mut arrays = four(&events);
+        let times = events.iter().flat_map(|event| t(event).to_le_bytes()).collect::<Vec<_>>();
+        arrays.last_mut().unwrap().1 = array(descr, false, "(40,)", &times);
+        archive(true, &arrays)
+    };
+    for (descr, scale) in [("'<m8[us]'", 1), ("'<m8[ns]'", 1000), ("'<M8[ns]'", 1000)] {
+        let outcome = testing::read(&all(&|event| event.t * scale, descr));
+        assert!(!outcome.information.as_ref().unwrap().notes.iter().any(|note| note.contains("taken for")));
+        assert_events(outcome, &events);
+    }
+    let descr = "[('t', '<m8[ns]'), ('x', '<i2'), ('y', '<i2'), ('polarity', '|i1')]";
+    let record = |event: &Event| {
+        [&(event.t * 1000).to_le_bytes()[..], &event.x.to_le_bytes(), &event.y.to_le_bytes(), &[bit(event)]].concat()
+    };
+    assert_events(testing::read(&records(descr, &events, record)), &events);
+    // A unit of no fixed length.
+    assert!(testing::read(&all(&|event| event.t, "'<m8[M]'")).error.is_some());
+}
+
 /// EVIMO's archives: x and y in one array, times in seconds, and also a Python dictionary and matrices of four columns.
 #[test]
 fn archives_of_evimo_are_read() {

@@ -63,6 +63,8 @@ struct Decoder {
     /// Latest time as in the file, and the offset of the wraps so far (µs).
     latest: u32,
     turns: i64,
+    /// Time in µs from which the times count.
+    zero: i64,
 }
 
 fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
@@ -70,7 +72,7 @@ fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let head = Head::read(path)?;
     let header = layout(&head).ok_or_else(|| file.damaged(0, "the header has changed"))?;
     file.seek(header.length as u64 + 2)?;
-    let mut notes = Vec::new();
+    let (zero, mut notes) = header.zero();
     let version = header.get("Version").or_else(|| header.get("version"));
     let version_1 =
         version.map_or_else(|| !is_version_2(&head, header.length), |version| version.split('.').next() == Some("1"));
@@ -80,7 +82,7 @@ fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     }
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes };
-    Ok(Box::new(Decoder { file, information, version_1, block: Vec::new(), latest: 0, turns: 0 }))
+    Ok(Box::new(Decoder { file, information, version_1, block: Vec::new(), latest: 0, turns: 0, zero }))
 }
 
 impl Decoder {
@@ -101,7 +103,7 @@ impl Decoder {
             false => (bits(0, 14), bits(14, 14), bits(28, 4)),
         };
         let polarity = if on == 0 { Polarity::Off } else { Polarity::On };
-        Event { t: self.turns.saturating_add(t.into()), x, y, polarity }
+        Event { t: self.turns.saturating_add(t.into()).saturating_add(self.zero), x, y, polarity }
     }
 }
 
@@ -157,14 +159,22 @@ mod tests {
         assert_eq!((information.format, information.sensor), ("Prophesee DAT", Some(Sensor::new(304, 240))));
     }
 
+    /// faery counts times from the first event and writes its time into the header.
+    #[test]
+    fn the_time_of_the_header_is_added() {
+        let header = b"% Version 2\n% Height 240\n% Width 304\n% T0 1000000\n";
+        let times: Vec<i64> =
+            testing::read(&file(header, &[[0, 0], [50, 0]])).events.iter().map(|event| event.t).collect();
+        assert_eq!(times, [1_000_000, 1_000_050]);
+    }
+
     /// A late event must not shift all later times by 71.6 min.
     #[test]
     fn events_from_before_the_wrap_may_follow_it() {
         let records = [0xffff_fff0, 4, 0xffff_ffff, 5].map(|t| [t, 0]);
         let times: Vec<i64> = testing::read(&file(HEADER, &records)).events.iter().map(|event| event.t).collect();
         let wrap = 1 << 32;
-        // A late event gets the time of the one before it.
-        assert_eq!(times, [wrap - 16, wrap + 4, wrap + 4, wrap + 5]);
+        assert_eq!(times, [wrap - 16, wrap - 1, wrap + 4, wrap + 5]);
     }
 
     #[test]

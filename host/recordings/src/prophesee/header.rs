@@ -63,6 +63,15 @@ impl Header {
             })
     }
 
+    /// Returns the time in µs from which the times count, with a note about it. faery writes it as `t0` (RAW) or `T0`
+    /// (DAT).
+    pub fn zero(&self) -> (i64, Vec<String>) {
+        let number = |key| self.get(key)?.parse().ok();
+        let zero: i64 = number("t0").or_else(|| number("T0")).unwrap_or(0);
+        let note = || format!("the header states that times count from {zero} µs: this is added");
+        (zero, (zero != 0).then(note).into_iter().collect())
+    }
+
     /// Returns the date of the recording, as in the header.
     pub fn date(&self) -> Option<String> {
         self.get("date").or_else(|| self.get("Date")).map(str::to_owned)

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt21Decoder, EvtCounts, EvtRecord};
+use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt4Decoder, Evt21Decoder, EvtCounts, EvtRecord};
 use evcal_core::event::Event;
 
 use super::header::Header;
@@ -54,6 +54,7 @@ enum Words {
     Evt2(Evt2Decoder),
     Evt21 { decoder: Evt21Decoder, halves_swapped: bool },
     Evt3(Evt3Decoder),
+    Evt4(Evt4Decoder),
 }
 
 impl Words {
@@ -69,6 +70,7 @@ impl Words {
                 Self::Evt21 { decoder: Evt21Decoder::new(), halves_swapped }
             }
             "3.0" | "EVT3" => Self::Evt3(Evt3Decoder::new()),
+            "4.0" | "EVT4" => Self::Evt4(Evt4Decoder::new()),
             _ => return None,
         })
     }
@@ -93,6 +95,11 @@ impl Words {
                 words.iter().flat_map(|word| decoder.push(u16::from_le_bytes(*word))).for_each(take);
                 rest.len()
             }
+            Self::Evt4(decoder) => {
+                let (words, rest) = bytes.as_chunks();
+                words.iter().flat_map(|word| decoder.push(u32::from_le_bytes(*word))).for_each(take);
+                rest.len()
+            }
         }
     }
 
@@ -101,6 +108,7 @@ impl Words {
             Self::Evt2(decoder) => decoder.counts(),
             Self::Evt21 { decoder, .. } => decoder.counts(),
             Self::Evt3(decoder) => decoder.counts(),
+            Self::Evt4(decoder) => decoder.counts(),
         }
     }
 }
@@ -111,6 +119,8 @@ struct Decoder {
     words: Words,
     block: Vec<u8>,
     triggers: u64,
+    /// Time in µs from which the words count.
+    zero: i64,
 }
 
 fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
@@ -126,9 +136,9 @@ fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let mut file = ByteReader::open(path)?;
     file.seek(header.length as u64)?;
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
-    let information =
-        RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes: Vec::new() };
-    Ok(Box::new(Decoder { file, information, words, block: Vec::new(), triggers: 0 }))
+    let (zero, notes) = header.zero();
+    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes };
+    Ok(Box::new(Decoder { file, information, words, block: Vec::new(), triggers: 0, zero }))
 }
 
 impl Decode for Decoder {
@@ -138,9 +148,9 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         self.file.read(&mut self.block, BLOCK)?;
-        let triggers = &mut self.triggers;
+        let (triggers, zero) = (&mut self.triggers, self.zero);
         let rest = self.words.decode(&self.block, &mut |record| match record {
-            EvtRecord::Event(event) => batch.push(event),
+            EvtRecord::Event(event) => batch.push(Event { t: event.t.saturating_add(zero), ..event }),
             EvtRecord::Trigger(_) => *triggers += 1,
         });
         store_counts(self.words.counts(), report);
@@ -194,6 +204,21 @@ mod tests {
         words
     }
 
+    /// Returns words of EVT 4.0: those of EVT 2.0 with other types, and two neighbours as a vector.
+    fn evt4(words: &[u32]) -> Vec<[u8; 4]> {
+        let mut converted: Vec<u32> = Vec::new();
+        let mut words = words.iter().peekable();
+        while let Some(word) = words.next() {
+            let (kind, content) = (word >> 28, word & 0xfff_ffff);
+            match words.next_if_eq(&&(word + 2048)).filter(|_| kind < 2) {
+                Some(_) => converted.extend([(0xc + kind) << 28 | content, 3]),
+                None if kind < 2 => converted.push((0xa + kind) << 28 | content),
+                None => converted.push(if kind == 8 { 0xe } else { 0x9 } << 28 | content),
+            }
+        }
+        converted.into_iter().map(u32::to_le_bytes).collect()
+    }
+
     fn evt3(events: &[Event]) -> Vec<u16> {
         let mut words = Vec::new();
         for pair in events.chunks(2) {
@@ -232,6 +257,7 @@ mod tests {
             file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.to_le_bytes())),
             file("% evt 2.1\n% geometry 346x260\n% end\n", wide.iter().map(|word| word.rotate_left(32).to_le_bytes())),
             file("% format EVT3;height=260;width=346\n% end\n", evt3(events).iter().map(|word| word.to_le_bytes())),
+            file("% evt 4.0\n% format EVT4;height=260;width=346\n% end\n", evt4(&words)),
             // A file of the first third-generation cameras.
             file(
                 "% plugin_name hal_plugin_gen31_fx3\n% geometry 346x260\n",
@@ -252,6 +278,26 @@ mod tests {
             assert_eq!(information.camera_name.as_deref(), Some("00001"));
             assert!(report.truncated.is_none() && report.stream.clock_resets == 0);
         }
+    }
+
+    /// faery counts times from the first event and writes its time into the header.
+    #[test]
+    fn the_time_of_the_header_is_added() {
+        let events = events(100);
+        let header = "% evt 2.0\n% geometry 346x260\n% t0 1000000\n% end\n";
+        let outcome = testing::read(&file(header, evt2(&events).iter().map(|word| word.to_le_bytes())));
+        let later: Vec<Event> = events.iter().map(|event| Event { t: event.t + 1_000_000, ..*event }).collect();
+        assert!(outcome.events == later);
+        assert!(outcome.information.unwrap().notes[0].contains("count from 1000000 µs"));
+    }
+
+    /// A time high, a row and a column come before the first time low; and there is one time high only.
+    #[test]
+    fn events_before_a_time_low_and_after_a_wrap_are_read() {
+        let words = [0x8010_u16, 7, 0x2803, 0x6fff, 0x2004, 0x6001, 0x2005];
+        let content = file("% evt 3.0\n% geometry 346x260\n% end\n", words.map(u16::to_le_bytes));
+        let times: Vec<i64> = testing::read(&content).events.iter().map(|event| event.t).collect();
+        assert_eq!(times, [0x10000, 0x10fff, 0x11001]);
     }
 
     #[test]

@@ -1,10 +1,11 @@
-//! Writer of RAW in EVT 3.0. Each event has a word with its column and polarity. Words for time and row precede it if
+//! Writer of RAW in EVT 3.0 and 4.0. In EVT 3.0, each event has a word with its column and polarity. Words for time and row precede it if
 //! they differ from the previous event's. Vectors of events are not used. There is a time high every 4096 µs, as from a
 //! camera.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
+use evcal_core::decode::Evt4Encoder;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
@@ -20,6 +21,21 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     create: |file, description| Ok(Box::new(Encoder::new(file, description)?)),
     copy_transfers: None,
 };
+
+/// RAW in EVT 4.0.
+pub const EVT4_OUTPUT: OutputFormat = OutputFormat {
+    name: "evt4",
+    title: Some("EVT 4.0"),
+    extensions: &["evt4"],
+    create: |file, description| {
+        let output = header(file, description, "EVT 4.0", "4.0")?;
+        Ok(Box::new(Evt4 { output, zero: description.zero, words: Evt4Encoder::new(), latest: 0 }))
+    },
+    ..OUTPUT
+};
+
+/// Longest time in µs without a time high of EVT 4.0.
+const LONGEST_PAUSE: i64 = 500_000;
 
 /// Largest number of characters of the camera name, because readers limit the length of header lines.
 const LONGEST_NAME: usize = 200;
@@ -44,24 +60,41 @@ struct Encoder {
     row: Option<u16>,
 }
 
+/// Creates a file with the header of an encoding, such as `3.0`.
+fn header(
+    file: &mut dyn FnMut() -> std::io::Result<File>,
+    Description { sensor, camera_name, .. }: &Description,
+    format: &'static str,
+    version: &str,
+) -> Result<BufWriter<File>, WriteError> {
+    let Sensor { width, height } = *sensor;
+    if width > SIDE || height > SIDE {
+        return Err(WriteError::Size { format, most: SIDE, sensor: *sensor });
+    }
+    let mut output = BufWriter::with_capacity(1 << 18, file()?);
+    let number = version.trim_end_matches(".0");
+    write!(
+        output,
+        "% evt {version}\n% format EVT{number};height={height};width={width}\n% geometry {width}x{height}\n"
+    )?;
+    let name = camera_name.chars().filter(|character| !character.is_control()).take(LONGEST_NAME);
+    let name: String = name.collect();
+    if !name.is_empty() {
+        writeln!(output, "% serial_number {name}")?;
+    }
+    writeln!(output, "% end")?;
+    Ok(output)
+}
+
+/// Says that times do not count from the zero of the recording.
+fn lost(zero: i64) -> Vec<String> {
+    (zero != 0).then(|| format!("times count from {zero} us")).into_iter().collect()
+}
+
 impl Encoder {
-    fn new(
-        file: &mut dyn FnMut() -> std::io::Result<File>,
-        Description { sensor, camera_name, zero, .. }: &Description,
-    ) -> Result<Self, WriteError> {
-        let Sensor { width, height } = *sensor;
-        if width > SIDE || height > SIDE {
-            return Err(WriteError::Size { format: "EVT 3.0", most: SIDE, sensor: *sensor });
-        }
-        let mut output = BufWriter::with_capacity(1 << 18, file()?);
-        write!(output, "% evt 3.0\n% format EVT3;height={height};width={width}\n% geometry {width}x{height}\n")?;
-        let name = camera_name.chars().filter(|character| !character.is_control()).take(LONGEST_NAME);
-        let name: String = name.collect();
-        if !name.is_empty() {
-            writeln!(output, "% serial_number {name}")?;
-        }
-        writeln!(output, "% end")?;
-        Ok(Self { output, zero: *zero, high: None, low: None, row: None })
+    fn new(file: &mut dyn FnMut() -> std::io::Result<File>, description: &Description) -> Result<Self, WriteError> {
+        let output = header(file, description, "EVT 3.0", "3.0")?;
+        Ok(Self { output, zero: description.zero, high: None, low: None, row: None })
     }
 
     fn word(&mut self, word: u16) -> Result<(), WriteError> {
@@ -107,8 +140,45 @@ impl Encode for Encoder {
     }
 
     fn lost(&self) -> Vec<String> {
-        let lost = (self.zero != 0).then(|| format!("times count from {} us", self.zero));
-        lost.into_iter().collect()
+        lost(self.zero)
+    }
+}
+
+/// Encoder of EVT 4.0: a word per event, and a time high every 64 µs with events and at least every half second.
+struct Evt4 {
+    output: BufWriter<File>,
+    zero: i64,
+    words: Evt4Encoder,
+    /// Latest time in µs after the zero.
+    latest: i64,
+}
+
+impl Encode for Evt4 {
+    fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
+        for event in events {
+            let t = event.t.saturating_sub(self.zero).max(0);
+            check_jump(self.latest.saturating_add(self.zero), event.t)?;
+            while t - self.latest > LONGEST_PAUSE {
+                self.latest += LONGEST_PAUSE;
+                if let Some(word) = self.words.time(self.latest) {
+                    self.output.write_all(&word.to_le_bytes())?;
+                }
+            }
+            self.latest = self.latest.max(t);
+            // The size of the sensor was checked, and events outside it are left out.
+            for word in self.words.encode(Event { t, ..*event }).unwrap_or_default() {
+                self.output.write_all(&word.to_le_bytes())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), WriteError> {
+        Ok(self.output.flush()?)
+    }
+
+    fn lost(&self) -> Vec<String> {
+        lost(self.zero)
     }
 }
 
@@ -131,6 +201,26 @@ mod tests {
 
     fn event(t: i64, x: u16, y: u16, polarity: Polarity) -> Event {
         Event { t, x, y, polarity }
+    }
+
+    /// With a pause of 20 s.
+    #[test]
+    fn evt4_is_read_back() {
+        let events: Vec<Event> = (0..5000)
+            .map(|index| {
+                let polarity = if index % 3 == 0 { Polarity::On } else { Polarity::Off };
+                event(40 * index + index / 2500 * 20_000_000, index as u16 % 346, index as u16 % 260, polarity)
+            })
+            .collect();
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let (sensor, others) = (Sensor::new(346, 260), OtherStreams::default());
+        let description = Description { sensor, camera_name: "", others, zero: 0 };
+        let mut encoder = (EVT4_OUTPUT.create)(&mut || file.reopen(), &description).unwrap();
+        encoder.write(&events).unwrap();
+        encoder.finish().unwrap();
+        let outcome = testing::read(&std::fs::read(file.path()).unwrap());
+        assert!(outcome.events == events && outcome.report.stream.faults.is_empty());
+        assert_eq!(outcome.information.unwrap().sensor, Some(sensor));
     }
 
     #[test]

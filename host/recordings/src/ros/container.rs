@@ -74,6 +74,11 @@ pub trait Container: Send {
     /// Returns the topics of the whole file, if it contains a list of them.
     fn listed(&mut self) -> Option<Vec<Topic>>;
 
+    /// Describes what may be missing, in a sentence.
+    fn doubt(&self) -> Option<String> {
+        None
+    }
+
     /// Creates an error about the message at `byte`.
     fn damaged(&self, byte: u64, what: String) -> RecordingError;
 }

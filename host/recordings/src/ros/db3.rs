@@ -189,6 +189,10 @@ impl Container for Bag {
         self.pages.truncated()
     }
 
+    fn doubt(&self) -> Option<String> {
+        self.pages.missing_log()
+    }
+
     fn damaged(&self, byte: u64, what: String) -> RecordingError {
         self.pages.damaged(byte, what)
     }

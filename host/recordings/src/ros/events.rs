@@ -45,6 +45,7 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
             notes.push("their times are from the sensor's clock, not from that of other topics".to_owned());
         }
     }
+    notes.extend(container.doubt());
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let packets = PacketDecoder::default();
     let container = open(path)?;

@@ -183,6 +183,10 @@ impl Container for Folder {
         self.truncated.as_ref()
     }
 
+    fn doubt(&self) -> Option<String> {
+        self.now.doubt()
+    }
+
     fn damaged(&self, byte: u64, what: String) -> RecordingError {
         self.now.damaged(byte, what)
     }

@@ -206,6 +206,10 @@ impl<C: Container> Container for Ordered<C> {
         self.container.listed()
     }
 
+    fn doubt(&self) -> Option<String> {
+        self.container.doubt()
+    }
+
     fn damaged(&self, byte: u64, what: String) -> RecordingError {
         self.container.damaged(byte, what)
     }

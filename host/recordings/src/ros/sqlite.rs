@@ -5,7 +5,9 @@
 //! leaves (kind 10) with the values of a column and the numbers of their rows, in order of the values. The part of a row that does not fit in its
 //! page is in a list of overflow pages. Numbers are big-endian.
 
-use std::path::Path;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use crate::bytes::{ByteReader, share};
 use crate::counted::counted;
@@ -14,6 +16,11 @@ use crate::read_report::Truncation;
 
 /// First bytes of a file.
 pub const MAGIC: &[u8] = b"SQLite format 3\0";
+/// Suffix of the write-ahead log, and the version of files that use one (byte 19 of the header).
+const LOG: &str = "-wal";
+const WITH_LOG: u8 = 2;
+/// First bytes of a rollback journal that has to be applied.
+const JOURNAL: &[u8; 8] = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7";
 const HEADER: usize = 100;
 const INNER: u8 = 5;
 const LEAF: u8 = 13;
@@ -35,6 +42,8 @@ pub struct Pages {
     /// Number of pages read for the current table.
     read: u64,
     truncated: Option<Truncation>,
+    /// `true` if the latest changes may have been in a write-ahead log, which is not there.
+    has_log: bool,
 }
 
 /// Position in a table that is being read.
@@ -111,17 +120,27 @@ impl Description {
     }
 }
 
+/// Returns the path of a file that SQLite keeps next to the database at `path`.
+fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    name.into()
+}
+
 impl Pages {
     /// Opens the file at `path`.
     ///
     /// # Errors
-    /// If its header is damaged, or if a write-ahead log contains changes to it.
+    /// If its header is damaged, or if a write-ahead log or a journal contains changes to it.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let mut log = path.as_os_str().to_owned();
-        log.push("-wal");
+        let (log, journal) = (beside(path, LOG), beside(path, "-journal"));
         if std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
-            let kind = RecordingErrorKind::Unmerged { log: log.into() };
-            return Err(RecordingError::new(path, kind));
+            return Err(RecordingError::new(path, RecordingErrorKind::Unmerged { log }));
+        }
+        // SQLite clears the first bytes of a journal that is not needed any more.
+        let mut start = [0; JOURNAL.len()];
+        if File::open(&journal).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *JOURNAL {
+            return Err(RecordingError::new(path, RecordingErrorKind::Interrupted { journal }));
         }
         Self::with_buffer(path, 1 << 18)
     }
@@ -151,7 +170,8 @@ impl Pages {
         let valid = number(&header, 24) == number(&header, 92);
         let count = length / size as u64;
         let promised = number(&header, 28).filter(|_| valid).map_or(0, u64::from).max(length.div_ceil(size as u64));
-        Ok(Self { file, size, usable, count, promised, read: 0, truncated: None })
+        let has_log = header[19] == WITH_LOG && !beside(path, LOG).exists();
+        Ok(Self { file, size, usable, count, promised, read: 0, truncated: None, has_log })
     }
 
     /// Returns the tables of the file, and the indices of their columns. If the file is cut off, some may be missing.
@@ -412,6 +432,16 @@ impl Pages {
     /// Fraction of the pages that has been read for the current table, 0 to 1.
     pub fn done(&self) -> f64 {
         share(self.read, self.count)
+    }
+
+    /// Names a write-ahead log that may be missing. SQLite removes it when a database is closed, so it is missing only
+    /// if the database was copied while it was open.
+    pub fn missing_log(&self) -> Option<String> {
+        self.has_log.then(|| {
+            format!(
+                "the database was written with a write-ahead log: if it was copied during the recording, its latest messages are missing, because there is no file with the suffix {LOG}"
+            )
+        })
     }
 
     /// End of the file, if it comes before its last page.

@@ -4,6 +4,7 @@ mod damage;
 mod database;
 mod files;
 mod limits;
+mod order;
 mod picture;
 
 use std::io::Cursor;

@@ -115,7 +115,7 @@ impl<S: Sink> Encode for Encoder<S> {
             Extra::Frame(frame) => {
                 self.exposures += u64::from(frame.exposure.is_some());
                 let number = self.next_number(FRAMES);
-                self.sink.message(FRAMES, frame.t, &message::image(self.wire, number, frame)?)?;
+                self.sink.message(FRAMES, frame.middle(), &message::image(self.wire, number, frame)?)?;
             }
             Extra::Inertial(sample) => {
                 let number = self.next_number(SAMPLES);

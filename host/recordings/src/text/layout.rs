@@ -97,7 +97,9 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
                     }
                 }
             } else if rows.is_empty() && names.is_none() {
-                names = Some(name_list(line));
+                let list = name_list(line);
+                sensor = sensor.or_else(|| sensor_of_names(&list));
+                names = Some(list);
             } else {
                 // An invalid line among the events, which the reader reports.
                 break;
@@ -109,6 +111,7 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
             }
             let list = name_list(comment);
             if columns::from_names(&list).0.is_some() {
+                sensor = sensor.or_else(|| sensor_of_names(&list));
                 names = Some(list);
             }
         }
@@ -137,9 +140,17 @@ fn sensor_size(width: &[u8], height: &[u8]) -> Option<Sensor> {
     Some(Sensor::new(side(width)?, side(height)?))
 }
 
-/// Parses the size in a comment `sensor WIDTH x HEIGHT`.
+/// Returns the size in names such as `x@346` and `y@260`, as faery writes them.
+fn sensor_of_names(names: &[&str]) -> Option<Sensor> {
+    let side = |axis| names.iter().find_map(|name| name.strip_prefix(axis)?.strip_prefix('@'));
+    sensor_size(side("x")?.as_bytes(), side("y")?.as_bytes())
+}
+
+/// Parses the size in a comment `sensor WIDTH x HEIGHT`, or `geometry:WIDTH,HEIGHT` as Prophesee's programs write it.
 fn sensor_comment(comment: &str) -> Option<Sensor> {
-    let (width, height) = comment.strip_prefix("sensor ")?.split_once('x')?;
+    let of_sensor = || comment.strip_prefix("sensor ")?.split_once('x');
+    let of_geometry = || comment.strip_prefix("geometry:")?.split_once([',', 'x']);
+    let (width, height) = of_sensor().or_else(of_geometry)?;
     sensor_size(width.trim().as_bytes(), height.trim().as_bytes())
 }
 

@@ -130,6 +130,8 @@ fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
             "one of its datasets is virtual (a view of other arrays): copy the numbers into ordinary datasets with h5py or \
              h5repack -l CONTI IN OUT"
         }
+        UnsupportedFormat::Lz4 => "unpack it with unlz4 first",
+        UnsupportedFormat::ModifiedPcap => "rewrite it with editcap -F pcap IN OUT",
         UnsupportedFormat::PropheseeEncoding => "convert it with metavision_file_to_csv",
         UnsupportedFormat::EventStreamVersion => "convert it with the program that wrote it",
         UnsupportedFormat::EventStreamKind => {
@@ -153,7 +155,7 @@ fn about_format(format: UnsupportedFormat) -> Option<&'static str> {
         }
         UnsupportedFormat::Pdf => "give the recording, not the printed board",
         UnsupportedFormat::Png => "evcal undistort removes the distortion of pictures",
-        UnsupportedFormat::Parquet | UnsupportedFormat::Pickle => {
+        UnsupportedFormat::Parquet | UnsupportedFormat::Arrow | UnsupportedFormat::Pickle => {
             "save its columns t, x, y and p with numpy.savez, or as CSV"
         }
         UnsupportedFormat::Matlab => "save it in MATLAB with the option -v7.3, or its events as text",

@@ -74,8 +74,17 @@ fn cell(id: usize, row: &[u8], pages: &mut Vec<Vec<u8>>) -> Vec<u8> {
     cell
 }
 
-/// Builds a bag with two messages per page.
+/// Builds a bag with two messages per page, without an index.
 pub fn bag(messages: &Messages) -> Vec<u8> {
+    build(messages, None)
+}
+
+/// Builds a bag with these times of the messages, and an index of them.
+pub fn indexed_bag(messages: &Messages, times: &[i64]) -> Vec<u8> {
+    build(messages, Some(times))
+}
+
+fn build(messages: &Messages, times: Option<&[i64]>) -> Vec<u8> {
     let mut topics: Vec<(&str, &str)> = Vec::new();
     // Page 1 contains the schema, page 2 the topics, page 3 the root of the messages.
     let mut pages = vec![Vec::new(); 3];
@@ -88,7 +97,8 @@ pub fn bag(messages: &Messages) -> Vec<u8> {
             if known.is_none() {
                 topics.push((name, type_name));
             }
-            let fields = [Field::Null, Field::Number(topic), Field::Time(-1), Field::Bytes(message)];
+            let time = times.map_or(-1, |times| times[2 * index + offset]);
+            let fields = [Field::Null, Field::Number(topic), Field::Time(time), Field::Bytes(message)];
             cells.push(cell(2 * index + offset + 1, &row(&fields), &mut pages));
         }
         // Two long rows do not fit in a page.
@@ -105,22 +115,50 @@ pub fn bag(messages: &Messages) -> Vec<u8> {
         cell(index + 1, &row(&fields), &mut Vec::new())
     };
     pages[1] = page(13, &topics.iter().enumerate().map(topic).collect::<Vec<_>>(), None, &[]);
-    pages[0] = first_page(pages.len() as u32);
+    let root = times.map(|times| index(times, &mut pages));
+    pages[0] = first_page(pages.len() as u32, root);
     pages.concat()
 }
 
-fn first_page(count: u32) -> Vec<u8> {
+/// Appends the pages of an index of these times: leaves of ten entries below an inner page, whose cells are entries
+/// too. Returns the number of the root.
+fn index(times: &[i64], pages: &mut Vec<Vec<u8>>) -> u8 {
+    let mut entries: Vec<(i64, u8)> = times.iter().zip(1..).map(|(time, id)| (*time, id)).collect();
+    entries.sort_unstable();
+    let entry = |(time, id): (i64, u8)| {
+        let row = row(&[Field::Time(time), Field::Number(id)]);
+        [varint(row.len()), row].concat()
+    };
+    let (mut inner, mut last) = (Vec::new(), 0);
+    for part in entries.chunks(11) {
+        let (leaf, above) = part.split_at(part.len().min(10));
+        pages.push(page(10, &leaf.iter().map(|it| entry(*it)).collect::<Vec<_>>(), None, &[]));
+        last = pages.len() as u32;
+        inner.extend(above.iter().map(|it| [last.to_be_bytes().to_vec(), entry(*it)].concat()));
+    }
+    if inner.len() == entries.chunks(11).len() {
+        pages.push(page(10, &[], None, &[]));
+        last = pages.len() as u32;
+    }
+    pages.push(page(2, &inner, Some(last), &[]));
+    pages.len() as u8
+}
+
+fn first_page(count: u32, index: Option<u8>) -> Vec<u8> {
     let mut header = b"SQLite format 3\0".to_vec();
     header.extend([2, 0, 1, 1, 0, 64, 32, 32, 0, 0, 0, 1]);
     header.extend(count.to_be_bytes());
     header.resize(100, 0);
     (header[59], header[95]) = (1, 1);
-    let table = |id: usize, name: &str, root: u8, sql: &str| {
-        let fields =
-            [Field::Text("table"), Field::Text(name), Field::Text(name), Field::Number(root), Field::Text(sql)];
+    let item = |id: usize, kind: &str, name: &str, root: u8, sql: &str| {
+        let fields = [Field::Text(kind), Field::Text(name), Field::Text(name), Field::Number(root), Field::Text(sql)];
         cell(id, &row(&fields), &mut Vec::new())
     };
+    let table = |id: usize, name: &str, root: u8, sql: &str| item(id, "table", name, root, sql);
     let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format, offered_qos_profiles)";
     let messages = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data BLOB)";
-    page(13, &[table(1, "topics", 2, topics), table(2, "messages", 3, messages)], None, &header)
+    let sql = "CREATE INDEX i ON messages (timestamp ASC)";
+    let index = index.map(|root| item(3, "index", "messages", root, sql));
+    let tables = [table(1, "topics", 2, topics), table(2, "messages", 3, messages)];
+    page(13, &tables.into_iter().chain(index).collect::<Vec<_>>(), None, &header)
 }

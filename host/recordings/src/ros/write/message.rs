@@ -132,7 +132,7 @@ fn compressed(base: i64, events: &[Event]) -> Vec<u8> {
 
 /// Serializes a `sensor_msgs/Image`, grey or in colour.
 pub fn image(wire: Wire, number: u32, frame: &Frame) -> Result<Vec<u8>, WriteError> {
-    let mut message = Message::new(wire, number, frame.t)?;
+    let mut message = Message::new(wire, number, frame.middle())?;
     let (width, height) = frame.size;
     let (encoding, channels) = if matches!(frame.channels, 1 | 2) { ("mono8", 1) } else { ("bgr8", 3) };
     let opaque: Vec<u8>;
