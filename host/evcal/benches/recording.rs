@@ -14,7 +14,7 @@ fn main() {
 
 const EVENTS: u32 = 1_000_000;
 const FORMATS: [OutputFormat; 5] =
-    [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_LZ4, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
+    [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_ZSTANDARD, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
 
 /// Events at random pixels, about one per microsecond.
 fn events() -> Vec<Event> {

@@ -20,7 +20,7 @@ use evcal_core::event::{Event, Polarity};
 use flatbuffer::Malformed;
 use header::{Header, MAGIC, Stream};
 use packets::{PacketHead, PacketReader};
-pub use write::{OUTPUT, OUTPUT_LZ4, OUTPUT_UNCOMPRESSED};
+pub use write::{OUTPUT, OUTPUT_UNCOMPRESSED, OUTPUT_ZSTANDARD};
 
 use super::extras::ReadExtras;
 use crate::error::{RecordingError, RecordingErrorKind};

@@ -274,7 +274,7 @@ mod tests {
 
     const SENSOR: Sensor = Sensor::new(346, 260);
     const OUTPUTS: [OutputFormat; 5] =
-        [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_LZ4, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
+        [aedat4::OUTPUT_UNCOMPRESSED, aedat4::OUTPUT_ZSTANDARD, aedat4::OUTPUT, text::OUTPUT, event_calib::OUTPUT];
 
     /// Returns events 5 ms apart, so that AEDAT4 writes two events per packet.
     fn events(count: i64) -> Vec<Event> {

@@ -15,11 +15,11 @@ use super::header::{Compression, MAGIC};
 use crate::encode::{CreateFile, Description, Encode, OutputFormat, WriteError};
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams};
 
+/// AEDAT4 with LZ4, the default of dv-processing. Some readers support no other compression.
+pub const OUTPUT: OutputFormat = output("aedat4", |file, description| create(file, description, Compression::Lz4));
 /// AEDAT4 with Zstandard.
-pub const OUTPUT: OutputFormat = output("aedat4", |file, description| create(file, description, Compression::Zstd));
-/// AEDAT4 with LZ4.
-pub const OUTPUT_LZ4: OutputFormat =
-    output("aedat4-lz4", |file, description| create(file, description, Compression::Lz4));
+pub const OUTPUT_ZSTANDARD: OutputFormat =
+    output("aedat4-zstandard", |file, description| create(file, description, Compression::Zstd));
 /// AEDAT4 without compression.
 pub const OUTPUT_UNCOMPRESSED: OutputFormat =
     output("aedat4-uncompressed", |file, description| create(file, description, Compression::None));

@@ -12,7 +12,7 @@ use std::path::Path;
 use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record};
 use super::fields::Wire;
 use super::message::Kind;
-use super::order::{ChunkOrder, IndexedChunk, Ordered};
+use super::order::{ChunkOrder, IndexedChunk, Ordered, scan};
 use super::write::BAG_OUTPUT;
 use super::{events, extras};
 use crate::bytes::ByteReader;
@@ -50,27 +50,14 @@ const LONGEST_INDEX: u64 = 1 << 26;
 
 /// Opens the bag at `path`.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
-    let mut bag = Bag {
-        file: ByteReader::open(path)?,
-        order: ChunkOrder::default(),
-        is_settled: false,
-        chunk: Chunk::default(),
-        header: Vec::new(),
-        packed: Vec::new(),
-        topics: Vec::new(),
-        connections: BTreeMap::new(),
-        indices: BTreeMap::new(),
-        message: (0, 0),
-        truncated: None,
-        ended: false,
-    };
-    if let Some(Index { connections, chunks, .. }) = bag.index()?.filter(|index| index.is_whole) {
+    let mut bag = Bag::new(path)?;
+    if let Some(Index { chunks, .. }) = bag.index()? {
         bag.order = ChunkOrder::new(chunks);
         if bag.order.is_moved() {
+            let mut read = Bag::new(path)?;
+            bag.order = scan(&mut read).unwrap_or_default();
             // A chunk may use connections of a chunk that precedes it in the file.
-            for (connection, topic) in connections {
-                bag.connect(connection, topic);
-            }
+            (bag.topics, bag.connections, bag.indices) = (read.topics, read.connections, read.indices);
         }
     }
     bag.file.seek(MAGIC.len() as u64)?;
@@ -79,11 +66,8 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
 
 /// The index at the end of a bag.
 struct Index {
-    /// Numbers and topics of the connections.
-    connections: Vec<(u32, Topic)>,
+    topics: Vec<Topic>,
     chunks: Vec<IndexedChunk>,
-    /// `true` if there are as many chunks as the header of the file states.
-    is_whole: bool,
 }
 
 struct Bag {
@@ -189,35 +173,52 @@ fn topic(record: &Record) -> Option<Topic> {
 }
 
 impl Bag {
+    fn new(path: &Path) -> Result<Self, RecordingError> {
+        let mut file = ByteReader::open(path)?;
+        file.seek(MAGIC.len() as u64)?;
+        Ok(Self {
+            file,
+            order: ChunkOrder::default(),
+            is_settled: false,
+            chunk: Chunk::default(),
+            header: Vec::new(),
+            packed: Vec::new(),
+            topics: Vec::new(),
+            connections: BTreeMap::new(),
+            indices: BTreeMap::new(),
+            message: (0, 0),
+            truncated: None,
+            ended: false,
+        })
+    }
+
     /// Reads the index, which follows all chunks; `None` if there is none.
     fn index(&mut self) -> Result<Option<Index>, RecordingError> {
         let mut bytes = Vec::new();
         self.file.seek(MAGIC.len() as u64)?;
         self.file.read(&mut bytes, LONGEST_HEADER)?;
-        let header = record(&bytes, 0).map(|record| record.header);
-        let start = header.and_then(|header| Some(u64::from_le_bytes(*field(header, b"index_pos")?.first_chunk()?)));
-        let count = header.and_then(|header| number(header, b"chunk_count"));
+        let start = record(&bytes, 0)
+            .and_then(|record| Some(u64::from_le_bytes(*field(record.header, b"index_pos")?.first_chunk()?)));
         let Some(start) = start.filter(|start| *start > MAGIC.len() as u64 && *start < self.file.length()) else {
             return Ok(None);
         };
         self.file.seek(start)?;
         self.file.read(&mut bytes, LONGEST_INDEX)?;
-        let (mut connections, mut chunks, mut position) = (Vec::new(), Vec::new(), 0);
+        let (mut index, mut position) = (Index { topics: Vec::new(), chunks: Vec::new() }, 0);
         while let Some(record) = record(&bytes, position) {
             match operation(record.header) {
-                Some(CONNECTION) => connections.extend(number(record.header, b"conn").zip(topic(&record))),
+                Some(CONNECTION) => index.topics.extend(topic(&record)),
                 Some(CHUNK_INFO) => {
                     let start = time(record.header, b"start_time");
                     let byte = field(record.header, b"chunk_pos").and_then(|byte| byte.first_chunk());
                     let byte = byte.map(|byte| u64::from_le_bytes(*byte));
-                    chunks.extend(start.zip(byte).map(|(start, byte)| IndexedChunk { start, byte }));
+                    index.chunks.extend(start.zip(byte).map(|(start, byte)| IndexedChunk { start, byte }));
                 }
                 _ => break,
             }
             position += record.length;
         }
-        let is_whole = !chunks.is_empty() && count.is_some_and(|count| count as usize == chunks.len());
-        Ok((!connections.is_empty()).then_some(Index { connections, chunks, is_whole }))
+        Ok((!index.topics.is_empty()).then_some(index))
     }
 
     /// Reads the next record with content as the current chunk. Returns `false` at the end.
@@ -375,7 +376,7 @@ impl Container for Bag {
         let position = self.file.position();
         let index = self.index().ok().flatten();
         self.file.seek(position).ok()?;
-        Some(index?.connections.into_iter().map(|(_, topic)| topic).collect())
+        Some(index?.topics)
     }
 
     fn done(&self) -> f64 {

@@ -15,7 +15,7 @@ use super::container::{
 };
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
-use super::order::{ChunkOrder, IndexedChunk, Ordered};
+use super::order::{ChunkOrder, IndexedChunk, Ordered, scan};
 use super::write::MCAP_OUTPUT;
 use super::{events, extras};
 use crate::bytes::ByteReader;
@@ -44,7 +44,6 @@ const CHANNEL: u8 = 4;
 const MESSAGE: u8 = 5;
 const CHUNK: u8 = 6;
 const CHUNK_INDEX: u8 = 8;
-const STATISTICS: u8 = 11;
 const DATA_END: u8 = 15;
 /// Size of a record's kind and length in bytes.
 const RECORD_HEAD: usize = 9;
@@ -56,25 +55,14 @@ const LONGEST_SUMMARY: u64 = 1 << 24;
 
 /// Opens the MCAP file at `path`.
 pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
-    let mut mcap = Mcap {
-        file: ByteReader::open(path)?,
-        order: ChunkOrder::default(),
-        is_settled: false,
-        records: Vec::new(),
-        position: 0,
-        byte: 0,
-        packed: Vec::new(),
-        described: Described::default(),
-        message: (0, 0),
-        unpacked: Vec::new(),
-        truncated: None,
-        ended: false,
-    };
-    if let Some(Summary { described, chunks, .. }) = mcap.summary()?.filter(Summary::is_whole) {
+    let mut mcap = Mcap::new(path)?;
+    if let Some(Summary { chunks, .. }) = mcap.summary()? {
         mcap.order = ChunkOrder::new(chunks);
         if mcap.order.is_moved() {
+            let mut read = Mcap::new(path)?;
+            mcap.order = scan(&mut read).unwrap_or_default();
             // A chunk may use channels of a chunk that precedes it in the file.
-            mcap.described = described;
+            mcap.described = read.described;
         }
     }
     mcap.file.seek(MAGIC.len() as u64)?;
@@ -86,32 +74,16 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
 struct Summary {
     described: Described,
     chunks: Vec<IndexedChunk>,
-    /// Number of chunks according to the statistics.
-    count: Option<u32>,
 }
 
 impl Summary {
-    /// `true` if it lists all chunks and has topics.
-    fn is_whole(&self) -> bool {
-        let is_listed = self.count.is_some_and(|count| count as usize == self.chunks.len());
-        is_listed && !self.chunks.is_empty() && !self.described.topics.is_empty()
-    }
-
     fn add(&mut self, kind: u8, content: &[u8]) -> Result<(), MessageError> {
-        let mut fields = Fields::new(Wire::Ros1, content)?;
         match kind {
             SCHEMA | CHANNEL => self.described.add(kind, content)?,
             CHUNK_INDEX => {
+                let mut fields = Fields::new(Wire::Ros1, content)?;
                 let (start, _, byte) = (fields.u64("a time")?, fields.u64("a time")?, fields.u64("an offset")?);
                 self.chunks.push(IndexedChunk { start: nanoseconds(start), byte });
-            }
-            STATISTICS => {
-                fields.u64("its counts")?;
-                fields.u16("its counts")?;
-                for _ in 0..3 {
-                    fields.u32("its counts")?;
-                }
-                self.count = Some(fields.u32("its counts")?);
             }
             _ => {}
         }
@@ -183,6 +155,25 @@ impl<'a> ChunkHead<'a> {
 }
 
 impl Mcap {
+    fn new(path: &Path) -> Result<Self, RecordingError> {
+        let mut file = ByteReader::open(path)?;
+        file.seek(MAGIC.len() as u64)?;
+        Ok(Self {
+            file,
+            order: ChunkOrder::default(),
+            is_settled: false,
+            records: Vec::new(),
+            position: 0,
+            byte: 0,
+            packed: Vec::new(),
+            described: Described::default(),
+            message: (0, 0),
+            unpacked: Vec::new(),
+            truncated: None,
+            ended: false,
+        })
+    }
+
     /// Reads the next record of the file, or the records of the next chunk. Returns `false` at the end.
     fn next_records(&mut self) -> Result<bool, RecordingError> {
         loop {

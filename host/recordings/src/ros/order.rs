@@ -5,10 +5,10 @@
 //! within a limited number of bytes.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BTreeMap, BinaryHeap};
 
 use super::container::{Container, MessageHead, Topic};
-use crate::error::RecordingError;
+use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::Truncation;
 
 /// Size limit in bytes of the messages that are sorted together.
@@ -74,6 +74,28 @@ impl ChunkOrder {
             self.next.checked_sub(1).and_then(|index| self.chunks.get(index)).is_some_and(|it| it.byte == byte);
         is_listed && self.chunks.get(self.next).is_none_or(|chunk| last <= chunk.start)
     }
+}
+
+/// Returns the chunks of a file from the times of their messages, because an index may be damaged. A chunk that cannot be
+/// read gets the time before it, so that it is reported later. `None` if the file is cut off.
+pub fn scan(container: &mut impl Container) -> Option<ChunkOrder> {
+    let (mut starts, mut latest) = (BTreeMap::new(), i64::MIN);
+    loop {
+        match container.next() {
+            Ok(Some(MessageHead { byte, time, .. })) => {
+                latest = time;
+                let start = starts.entry(byte).or_insert(time);
+                *start = time.min(*start);
+            }
+            Ok(None) => break,
+            Err(RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, .. }) => {
+                starts.entry(byte).or_insert(latest);
+            }
+            Err(_) => return None,
+        }
+    }
+    let chunks = starts.into_iter().map(|(byte, start)| IndexedChunk { start, byte }).collect();
+    container.truncated().is_none().then(|| ChunkOrder::new(chunks))
 }
 
 /// A message that is kept until no earlier one can follow.

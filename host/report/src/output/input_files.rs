@@ -18,9 +18,9 @@ pub fn input_files(task: &Task) -> Result<Vec<InputFile>, RecordingError> {
         let files = match input {
             // A dump that a live camera has written.
             Input::Events(recording) if recording.source_files().is_empty() => {
-                &Files::new(recording.files().into_iter().map(Path::to_owned))
+                Files::new(recording.files().into_iter().map(Path::to_owned))
             }
-            input => input.source_files(),
+            input => input.source_files().clone(),
         };
         let checksums = files.checksums()?;
         files.check()?;
