@@ -81,7 +81,11 @@ fn about_other_devices(error: &(dyn Error + 'static)) -> Option<&'static str> {
     if let Some(error) = error.downcast_ref() {
         return match error {
             InertialError::NoTrajectory => Some("leave out frames=\"only\""),
-            InertialError::NoSamples { .. } => Some("give a file of samples: imu=\"samples.csv\""),
+            InertialError::NoSamples { .. }
+            | InertialError::OneTime { .. }
+            | InertialError::Lacks { .. }
+            | InertialError::AccelerationUnit { of_file: false, .. }
+            | InertialError::AngularUnit { of_file: false, .. } => Some("give a file of samples: imu=\"samples.csv\""),
             _ => None,
         };
     }

@@ -307,7 +307,7 @@ fn inertial_request(imu: &Bound<'_, PyAny>, gravity: Option<f64>) -> PyResult<Op
     if !(9.7..=9.9).contains(&gravity) {
         return Err(PyValueError::new_err("gravity is from 9.7 to 9.9 m/s²"));
     }
-    Ok(Some(InertialRequest { file, settings: InertialSettings { gravity, ..settings } }))
+    Ok(Some(InertialRequest { file, units: None, settings: InertialSettings { gravity, ..settings } }))
 }
 
 /// Returns the inputs, and the board, which is given or recognised in them.

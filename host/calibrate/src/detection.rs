@@ -24,6 +24,7 @@ mod second_pass;
 pub mod settings;
 mod square_finder;
 pub mod squares;
+pub mod stated_board;
 pub mod still_views;
 pub mod unplaced;
 

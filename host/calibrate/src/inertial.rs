@@ -20,7 +20,9 @@ pub mod settings;
 pub mod solve;
 mod start;
 pub mod stream;
+pub mod timing;
 mod uncertainty;
+pub mod units;
 
 use nalgebra::{DMatrix, Vector3};
 
@@ -192,6 +194,7 @@ fn finish(
         uncertainty::inertial_uncertainty(&solved.system, &solved.parts, total)?;
     let Solved { estimate, residuals, spectra, system, .. } = solved;
     uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
+    uncertainty::add_timing(&mut covariance, clock.streams.iter().map(|stream| stream.timing.uncertainty()));
     // An error of the intrinsics that all events have in common moves the estimated IMU, but does not cause scatter
     // between blocks of time.
     let share = match fixed {

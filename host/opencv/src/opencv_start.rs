@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use evcal_calibrate::initial::{BoardPoint, InitialSettings, MAX_START_RMS, OpencvStart};
 use evcal_geometry::numerics::statistics::median;
 
-use crate::{OpencvCalibration, OpencvError, PinholeDistortion, View, calibrate_fisheye, calibrate_pinhole};
+use crate::{Intrinsics, OpencvCalibration, OpencvError, PinholeDistortion, View, calibrate_fisheye, calibrate_pinhole};
 
 /// Largest number of times that the worst views are excluded.
 const RETRIES: usize = 3;
@@ -153,7 +153,12 @@ fn start_from(
                 start.failure = None;
             }
             Some(_) => {}
-            None => start.failure = Some(format!("implausible result: {:?}", calibration.intrinsics)),
+            None => {
+                let Intrinsics { focal: [fx, fy], center: [cx, cy], .. } = calibration.intrinsics;
+                start.failure = Some(format!(
+                    "the result is not a plausible lens (focal lengths {fx:.0} and {fy:.0} px, principal point {cx:.0}, {cy:.0})"
+                ));
+            }
         }
         if calibration.rms <= MAX_START_RMS {
             break;

@@ -21,6 +21,7 @@ mod fields;
 mod folder;
 mod images;
 mod mcap;
+mod merged_samples;
 mod message;
 mod order;
 mod packet;

@@ -11,6 +11,7 @@
 
 mod charuco;
 mod grid;
+pub mod stated;
 
 use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -128,10 +129,14 @@ struct Prepared {
     quads: Vec<Quad>,
 }
 
+impl Prepared {
+    fn new(picture: &Picture) -> Self {
+        Self { smooth: Smooth::new(picture), quads: find_quads(picture) }
+    }
+}
+
 fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
-    let prepare = |pictures: &Vec<Picture>| -> Vec<Prepared> {
-        pictures.iter().map(|picture| Prepared { smooth: Smooth::new(picture), quads: find_quads(picture) }).collect()
-    };
+    let prepare = |pictures: &Vec<Picture>| pictures.iter().map(Prepared::new).collect::<Vec<_>>();
     // A board must be visible at FEWEST_MOMENTS moments. If they follow each other, every FEWEST_MOMENTS-th moment is
     // enough to find it.
     let sample: Vec<Vec<Prepared>> = moments.par_iter().step_by(FEWEST_MOMENTS).map(prepare).collect();
@@ -263,6 +268,13 @@ mod tests {
             ("aprilgrid:4x5:30mm:0.3:border1", 1.6),
             ("apriltags:3x4:30mm:0.25", 1.6),
             ("apriltags:3x4:30mm:0.25:down", 1.6),
+            // Tags upright and numbered from the top row, tags drawn by OpenCV in Kalibr's order, and sheets that were turned
+            // before the tags were numbered.
+            ("apriltags:3x4:30mm:0.25:down:turned180", 1.6),
+            ("aprilgrid:4x5:30mm:0.3:turned180", 1.6),
+            ("aprilgrid:4x5:30mm:0.3:first7:turned90", 1.6),
+            ("apriltags:3x4:30mm:0.25:down:turned270", 1.6),
+            ("apriltags:3x4:30mm:0.25:DICT_5X5_50:turned180", 1.6),
             ("apriltags:3x4:30mm:0.25:25h9", 1.6),
             ("charuco:5x7:30mm:22mm:DICT_5X5_50", 1.6),
             ("charuco:4x6:30mm:22mm:DICT_4X4_50:legacy", 1.6),

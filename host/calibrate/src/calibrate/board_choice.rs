@@ -1,13 +1,16 @@
 //! The board of a calibration: named by the user, or recognised in the recordings.
 
 use super::input::Input;
+use crate::detection::other_board::OtherReading;
 use crate::detection::layout::{RecognisedLayout, find_layout};
 use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;
+use crate::detection::stated_board::{OtherRatio, StatedBoard, compare};
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
-use evcal_geometry::board::{Board, CircleBoard};
+use evcal_geometry::board::squares::{CharucoLayout, TagGrid, TagOrder};
+use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 use event_recordings::{Recording, RecordingError};
 
 /// Reasons why the board is not known.
@@ -34,6 +37,104 @@ pub enum BoardChoiceError {
         /// The board.
         found: Recognised,
     },
+    /// The stated board is not the one in view.
+    #[error("the board is not {stated}: {found}")]
+    Other {
+        /// The stated board.
+        stated: SquareBoard,
+        /// The board in view.
+        found: OtherReading,
+    },
+    /// The second length of the stated board is wrong.
+    #[error("{}", ratio_in_words(.0))]
+    WrongRatio(OtherRatio),
+}
+
+/// Describes the measured ratio of the two lengths of a board.
+pub fn ratio_in_words(OtherRatio { board, measured, stated }: &OtherRatio) -> String {
+    match board {
+        SquareBoard::Charuco(board) => format!(
+            "the markers measure {:.1} mm if a square measures {:.1} mm ({measured:.3} of it), not {:.1} mm",
+            1e3 * measured * board.square,
+            1e3 * board.square,
+            1e3 * stated * board.square
+        ),
+        _ => format!("the gap between two tags is {measured:.2} of a tag's side, not {stated}"),
+    }
+}
+
+/// The board to calibrate with, if it was stated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConfirmedBoard {
+    /// The board.
+    pub board: Board,
+    /// A sentence about a difference between the stated board and the recording.
+    pub note: Option<String>,
+}
+
+/// Compares a stated board with some pictures of the first recording that shows it. Boards of circles are not compared. If
+/// the tags of the stated board are only numbered, rotated or bordered in another way, returns the board in view.
+///
+/// # Errors
+/// [`BoardChoiceError`] if the board in view is another one, or a recording cannot be read.
+pub fn confirm_board(board: &Board, recordings: &[&Recording]) -> Result<ConfirmedBoard, BoardChoiceError> {
+    let kept = ConfirmedBoard { board: *board, note: None };
+    let Board::Squares(stated) = board else { return Ok(kept) };
+    for recording in recordings {
+        // Without a known sensor the recording cannot be calibrated, for a reason that is reported later.
+        let Ok(sensor) = sensor_of(recording) else { continue };
+        match compare(recording, sensor, stated).map_err(SearchError::from)? {
+            StatedBoard::Kept => {}
+            StatedBoard::DoubtfulRatio(ratio) => {
+                let note = format!("{}: measure both lengths of {stated} again", ratio_in_words(&ratio));
+                return Ok(ConfirmedBoard { note: Some(note), ..kept });
+            }
+            StatedBoard::WrongRatio(ratio) => return Err(BoardChoiceError::WrongRatio(ratio)),
+            StatedBoard::Variant(found) => {
+                let note = format!(
+                    "{} shows the board {found}, not {stated}: {}; it is calibrated with {found}",
+                    recording.path().display(),
+                    differences(&found, stated).join(", ")
+                );
+                return Ok(ConfirmedBoard { board: Board::Squares(found), note: Some(note) });
+            }
+            StatedBoard::Other(found) => return Err(BoardChoiceError::Other { stated: *stated, found }),
+        }
+    }
+    Ok(kept)
+}
+
+/// Describes the numbering, rotation and border of the tags of `found` that differ from `stated`.
+fn differences(found: &SquareBoard, stated: &SquareBoard) -> Vec<String> {
+    match (found, stated) {
+        (SquareBoard::Tags(found), SquareBoard::Tags(stated)) => {
+            let mut words = Vec::new();
+            if found.first_id != stated.first_id {
+                words.push(format!("the first tag is {}", found.first_id));
+            }
+            if found.order != stated.order {
+                words.push(match found.order {
+                    TagOrder::Upwards => "rows are numbered from the bottom".to_owned(),
+                    TagOrder::Downwards => "rows are numbered from the top".to_owned(),
+                });
+            }
+            let turn = |grid: &TagGrid| (grid.turn + if grid.order == TagOrder::Downwards { 2 } else { 0 }) % 4;
+            if turn(found) != turn(stated) {
+                let quarters = (turn(found) + 4 - turn(stated)) % 4;
+                words.push(format!("each tag is rotated by {}°", 90 * u16::from(quarters)));
+            }
+            if found.border != stated.border {
+                let modules = if found.border == 1 { "module" } else { "modules" };
+                words.push(format!("the dark border of a tag is {} {modules} wide", found.border));
+            }
+            words
+        }
+        (SquareBoard::Charuco(found), _) => vec![match found.layout {
+            CharucoLayout::Current => "the square at its top left is dark".to_owned(),
+            CharucoLayout::Legacy => "the square at its top left contains the first marker".to_owned(),
+        }],
+        _ => Vec::new(),
+    }
 }
 
 /// Returns the board of `request`. If it has to be recognised, the first recording with a recognisable board decides.

@@ -7,7 +7,8 @@ use super::input::Input;
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
-use crate::inertial::stream::ReadSamples;
+use crate::inertial::stream::{ReadSamples, Span};
+use crate::inertial::units::MessageUnits;
 use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
 use crate::solve::fixed_intrinsics::FixedIntrinsics;
 
@@ -16,6 +17,8 @@ use crate::solve::fixed_intrinsics::FixedIntrinsics;
 pub struct InertialRequest {
     /// A file of samples; `None` for the samples in the recordings.
     pub file: Option<PathBuf>,
+    /// Units of the samples in recordings of messages, if they are not those of the message.
+    pub units: Option<MessageUnits>,
     /// Prior knowledge and options.
     pub settings: InertialSettings,
 }
@@ -33,32 +36,37 @@ pub fn calibrate_inertial(
 ) -> Result<InertialCalibration, InertialError> {
     let Evidence::Events(events) = &calibrated.evidence else { return Err(InertialError::NoTrajectory) };
     let recorded = recorded_samples(inputs, &calibrated.starts, request)?;
-    calibrate_unit(recorded, &events.refined, &calibrated.quality.uncertainty, fixed, &request.settings)
+    let found = calibrate_unit(recorded, &events.refined, &calibrated.quality.uncertainty, fixed, &request.settings);
+    found.map_err(|error| if request.file.is_none() { error.of_recording() } else { error })
 }
 
 /// Checks, before the camera is calibrated, that the IMU samples of `inputs` span enough time. Only as many samples are
 /// read as needed; other problems are detected later.
 ///
 /// # Errors
-/// [`InertialError::ShortRecording`] if they do not.
+/// [`InertialError::ShortRecording`] if they do not, [`InertialError::OneTime`] if all have the same timestamp.
 pub fn check_length(inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
-    let seconds = match &request.file {
+    let spans = match &request.file {
         Some(file) => csv::read(file)
             .ok()
-            .and_then(|samples| Some(samples.last()?.t - samples.first()?.t))
+            .and_then(|samples| {
+                let times = || samples.iter().map(|sample| sample.t);
+                let (first, last) = times().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+                (first <= last).then_some(Span { first, seconds: last - first, samples: samples.len() })
+            })
             .into_iter()
-            .collect::<Vec<f64>>(),
+            .collect::<Vec<Span>>(),
         None => inputs
             .iter()
             .filter_map(|input| match input {
-                Input::Events(recording) => stream::duration(recording, FEWEST_SECONDS),
+                Input::Events(recording) => stream::span(recording, FEWEST_SECONDS),
                 Input::Images(_) | Input::Circles { .. } => None,
             })
             .collect(),
     };
-    let longest = seconds.into_iter().fold(None, |longest: Option<f64>, one| Some(longest.unwrap_or(0.0).max(one)));
-    match longest {
-        Some(seconds) if seconds < FEWEST_SECONDS => {
+    match spans.into_iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds)) {
+        Some(Span { first, seconds: 0.0, samples: 2.. }) => Err(InertialError::OneTime { t: first }),
+        Some(Span { seconds, .. }) if seconds < FEWEST_SECONDS => {
             Err(InertialError::ShortRecording { seconds, needed: FEWEST_SECONDS })
         }
         _ => Ok(()),
@@ -84,10 +92,16 @@ fn recorded_samples(
     }
     let (mut recorded, mut damages) = (Vec::new(), Vec::new());
     for (recording, input) in inputs.iter().enumerate() {
-        let ReadSamples { samples, lost } = match input {
+        let ReadSamples { mut samples, lost } = match input {
             Input::Events(file) => stream::read(file)?,
             Input::Images(_) | Input::Circles { .. } => ReadSamples::default(),
         };
+        if let (Some(units), Input::Events(file)) = (&request.units, input) {
+            if !file.format().has_messages() {
+                return Err(InertialError::UnitsOfFormat { file: input.name() });
+            }
+            units.correct(&mut samples);
+        }
         if samples.is_empty() {
             damages.extend(lost);
         } else {

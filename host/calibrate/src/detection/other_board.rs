@@ -88,7 +88,7 @@ pub fn find_other_board(
 }
 
 /// Returns the recognised board of squares if it differs from the stated one; `None` if it does not.
-fn other_squares(found: RecognisedBoard, stated: &SquareBoard) -> Option<OtherReading> {
+pub(super) fn other_squares(found: RecognisedBoard, stated: &SquareBoard) -> Option<OtherReading> {
     let Some(board) = in_lengths_of(&found.board, stated) else {
         return Some(OtherReading::Kind(Recognised::Squares(found)));
     };

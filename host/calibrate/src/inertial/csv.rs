@@ -51,9 +51,11 @@ struct Quantity {
 }
 
 const TIME: &[(&str, f64)] = &[("ns", 1e-9), ("us", 1e-6), ("µs", 1e-6), ("ms", 1e-3), ("s", 1.0)];
-const ACCELERATION: &[(&str, f64)] =
+/// Units of accelerations, each with its size in m/s².
+pub(super) const ACCELERATION: &[(&str, f64)] =
     &[("g", STANDARD_GRAVITY), ("m_s2", 1.0), ("m s^-2", 1.0), ("m/s^2", 1.0), ("m/s²", 1.0)];
-const RATE: &[(&str, f64)] = &[
+/// Units of angular velocities, each with its size in rad/s.
+pub(super) const RATE: &[(&str, f64)] = &[
     ("deg_s", std::f64::consts::PI / 180.0),
     ("deg/s", std::f64::consts::PI / 180.0),
     ("°/s", std::f64::consts::PI / 180.0),

@@ -5,6 +5,17 @@ use crate::solve::control_band::NotPositiveDefinite;
 use crate::trajectory::alignment::AlignmentError;
 use event_recordings::RecordingError;
 
+/// The likely unit of readings, for messages.
+pub const IN_G: &str = "g, and were read as m/s²";
+/// The same.
+pub const IN_METRES: &str = "m/s², and were read as g";
+/// The same.
+pub const IN_DEGREES: &str = "°/s, and were read as rad/s";
+/// The same.
+pub const IN_RADIANS: &str = "rad/s, and were read as °/s";
+/// The same.
+pub const IN_ANOTHER: &str = "another unit than stated";
+
 /// Reasons why an IMU cannot be calibrated, with remedies.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -72,15 +83,37 @@ pub enum InertialError {
         /// Share of the samples.
         share: f64,
     },
-    /// Accelerations are in another unit.
+    /// All samples have the same timestamp.
     #[error(
-        "a resting accelerometer would read {reading:.3} g: the accelerations seem to be in {unit}: state their unit in the header of the file"
+        "all IMU samples have the timestamp {t:.6} s: the driver did not stamp them; record with timestamps, or give a file of samples with their times"
     )]
+    OneTime {
+        /// The timestamp (s).
+        t: f64,
+    },
+    /// The samples lack a quantity.
+    #[error(
+        "the IMU samples contain no {what}: give samples with accelerations and angular velocities; if each sensor has a stream of its own, both are needed"
+    )]
+    Lacks {
+        /// The quantity.
+        what: &'static str,
+    },
+    /// Units were stated for samples whose format determines them.
+    #[error("{file} is not a recording of messages, and its format determines the units of the IMU samples: do not state them")]
+    UnitsOfFormat {
+        /// The recording.
+        file: String,
+    },
+    /// Accelerations are in another unit.
+    #[error("a resting accelerometer would read {reading:.3} g: the accelerations seem to be in {unit}{}", remedy(*.of_file))]
     AccelerationUnit {
         /// Median acceleration in g.
         reading: f64,
         /// The likely unit.
         unit: &'static str,
+        /// `true` if the samples are from a file of their own.
+        of_file: bool,
     },
     /// Gravity was removed from the accelerations.
     #[error(
@@ -92,13 +125,16 @@ pub enum InertialError {
     },
     /// Angular velocities are in another unit.
     #[error(
-        "the gyroscope reads {factor:.3} times the rotation rate of the camera: the angular velocities seem to be in {unit}: state their unit in the header of the file"
+        "the gyroscope reads {factor:.3} times the rotation rate of the camera: the angular velocities seem to be in {unit}{}",
+        remedy(*.of_file)
     )]
     AngularUnit {
         /// Reading divided by truth.
         factor: f64,
         /// The likely unit.
         unit: &'static str,
+        /// `true` if the samples are from a file of their own.
+        of_file: bool,
     },
     /// The motion does not determine the alignment.
     #[error(transparent)]
@@ -137,6 +173,25 @@ impl From<NotPositiveDefinite> for InertialError {
     fn from(_: NotPositiveDefinite) -> Self {
         Self::Singular
     }
+}
+
+impl InertialError {
+    /// Returns the error about accelerations in another unit, in a file of samples.
+    pub(super) fn acceleration_unit(reading: f64, unit: &'static str) -> Self {
+        Self::AccelerationUnit { reading, unit, of_file: true }
+    }
+
+    /// Returns the same error about samples from a recording.
+    pub(crate) fn of_recording(mut self) -> Self {
+        if let Self::AccelerationUnit { of_file, .. } | Self::AngularUnit { of_file, .. } = &mut self {
+            *of_file = false;
+        }
+        self
+    }
+}
+
+fn remedy(of_file: bool) -> &'static str {
+    if of_file { ": state their unit in the header of the file" } else { ", which is not the unit of the recording's format" }
 }
 
 /// Acceleration of the camera, as a share of gravity, from which the motion is the likely cause.

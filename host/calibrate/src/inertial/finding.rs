@@ -48,6 +48,30 @@ pub enum Finding {
         /// Their share.
         share: f64,
     },
+    /// Samples have no time of their own, and were left out.
+    LeftOut {
+        /// Their share.
+        share: f64,
+    },
+    /// Several samples share each timestamp.
+    Groups {
+        /// Samples per timestamp.
+        samples: usize,
+        /// Time between timestamps (s).
+        interval: f64,
+        /// Delay of the gyroscope, if a timestamp belongs to the last of its samples (s).
+        delay: f64,
+    },
+    /// Timestamps scatter by more than the time between samples, and the samples were placed at their constant rate.
+    Scattered {
+        /// Scatter (s, root mean square).
+        scatter: f64,
+    },
+    /// Timestamps scatter, and samples do not arrive at a constant rate.
+    Irregular {
+        /// Scatter (s, root mean square).
+        scatter: f64,
+    },
     /// Samples could not be read.
     Damaged {
         /// Description of the loss and its cause.
@@ -125,6 +149,28 @@ impl fmt::Display for Finding {
                     100.0 * share
                 )
             }
+            Self::LeftOut { share } => write!(
+                f,
+                "{:.1} % of the IMU samples are not later than the samples before them and were left out: stamp each sample with the time at which it was taken",
+                100.0 * share
+            ),
+            Self::Groups { samples, interval, delay } => write!(
+                f,
+                "every {samples} IMU samples share one timestamp; they were spread evenly over the {:.2} ms up to it. The recording does not contain the sample to which a timestamp belongs, so no delay is certain: if it is the last one, timestamps of the gyroscope are {:.3} ms {} than events. Stamp each sample with the time at which it was taken",
+                1e3 * interval,
+                1e3 * delay.abs(),
+                if *delay < 0.0 { "earlier" } else { "later" }
+            ),
+            Self::Scattered { scatter } => write!(
+                f,
+                "the timestamps of the IMU scatter by {:.2} ms (rms), more than the samples are apart: samples were placed evenly in the order in which they arrived, and the delays refer to the mean timestamp: stamp samples when they are taken, not when they arrive",
+                1e3 * scatter
+            ),
+            Self::Irregular { scatter } => write!(
+                f,
+                "the timestamps of the IMU scatter by {:.2} ms (rms), more than the samples are apart, and the samples do not arrive at a constant rate, so their times are not known: stamp samples when they are taken, not when they arrive",
+                1e3 * scatter
+            ),
             Self::Damaged { what } => {
                 write!(f, "the recording is damaged; IMU samples were lost: {what}")
             }

@@ -11,6 +11,7 @@ use super::parameters::{
 };
 use super::sample::Sample;
 use super::stream::StreamReport;
+use super::timing::Timing;
 
 /// σ from which a position counts as not measured (m).
 const POSITION_LIMIT: f64 = 0.01;
@@ -52,8 +53,10 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     if rotation > ROTATION_LIMIT {
         findings.push(Finding::RotationNotMeasured { sigma: rotation });
     }
+    let timing = calibration.streams.iter().map(|stream| stream.timing.uncertainty()).fold(0.0, f64::max);
     for (sensor, delay) in [("gyroscope", GYROSCOPE_DELAY), ("accelerometer", ACCELEROMETER_DELAY)] {
-        if sigma(delay) > DELAY_LIMIT {
+        // Timestamps that do not belong to the samples have a finding of their own.
+        if sigma(delay).powi(2) - timing.powi(2) > DELAY_LIMIT.powi(2) {
             findings.push(Finding::DelayNotMeasured { sensor });
         }
     }
@@ -70,10 +73,15 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
     if drift.abs() > DRIFT.max(CERTAIN * sigma(CLOCK_DRIFT)) {
         findings.push(Finding::ClockDrift { drift, sigma: sigma(CLOCK_DRIFT) });
     }
+    findings.extend(calibration.streams.iter().filter_map(|stream| about_timing(stream, calibration)));
     let largest = |share: fn(&StreamReport) -> f64| calibration.streams.iter().map(share).fold(0.0, f64::max);
     let (missing, saturated) = (largest(|stream| stream.missing), largest(|stream| stream.saturated));
     if missing > MISSING {
         findings.push(Finding::Missing { share: missing });
+    }
+    let left_out = largest(|stream| stream.out_of_order as f64 / (stream.out_of_order + stream.samples).max(1) as f64);
+    if left_out > MISSING {
+        findings.push(Finding::LeftOut { share: left_out });
     }
     if saturated > SATURATED {
         findings.push(Finding::Saturated { share: saturated });
@@ -94,6 +102,18 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
         _ => {}
     }
     findings
+}
+
+/// Returns the finding on timestamps that do not belong to the samples.
+fn about_timing(stream: &StreamReport, calibration: &InertialCalibration) -> Option<Finding> {
+    match stream.timing {
+        Timing::Own => None,
+        Timing::Groups { samples, interval } => {
+            Some(Finding::Groups { samples, interval, delay: calibration.parameters.gyroscope_delay })
+        }
+        Timing::Even { scatter } => Some(Finding::Scattered { scatter }),
+        Timing::Sorted { scatter } => Some(Finding::Irregular { scatter }),
+    }
 }
 
 /// Returns the axes of the camera along which the IMU's position was not measured, with σ.

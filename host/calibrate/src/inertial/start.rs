@@ -8,7 +8,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::error::InertialError;
+use super::error::{IN_ANOTHER, IN_DEGREES, IN_RADIANS, InertialError};
 use super::parameters::InertialParameters;
 use super::prediction::Motion;
 use super::sample::Sample;
@@ -107,13 +107,13 @@ fn rotation(camera: &Turns, unit: &Turns, delay: f64) -> Result<UnitQuaternion<f
     let turns = ComparedTurns::new(camera, unit, delay);
     let factor = (turns.of_second / turns.of_first).sqrt();
     let (degrees, radians) = (180.0 / std::f64::consts::PI, std::f64::consts::PI / 180.0);
-    for (wrong, unit) in [(degrees, "°/s, and were read as rad/s"), (radians, "rad/s, and were read as °/s")] {
+    for (wrong, unit) in [(degrees, IN_DEGREES), (radians, IN_RADIANS)] {
         if (0.7..1.4).contains(&(factor / wrong)) {
-            return Err(InertialError::AngularUnit { factor, unit });
+            return Err(InertialError::AngularUnit { factor, unit, of_file: true });
         }
     }
     if !(0.7..1.4).contains(&factor) {
-        return Err(InertialError::AngularUnit { factor, unit: "another unit than stated" });
+        return Err(InertialError::AngularUnit { factor, unit: IN_ANOTHER, of_file: true });
     }
     check_axes(&turns.products, ONE_AXIS)?;
     let best = turns.rotation().ok_or(InertialError::Singular)?;

@@ -3,8 +3,9 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::error::InertialError;
+use super::error::{IN_ANOTHER, IN_G, IN_METRES, InertialError};
 use super::sample::Sample;
+use super::timing::{Ordered, Timing, ordered};
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::numerics::statistics::{median, quantile};
 use event_recordings::extras::Extra;
@@ -14,7 +15,8 @@ use event_recordings::{Recording, RecordingError};
 const MOST_SATURATED: f64 = 0.1;
 /// Number of successive samples with the same extreme value that shows saturation.
 const RUN: usize = 5;
-/// Share of the median acceleration that nearly every sample exceeds if gravity is included.
+/// Share of the median acceleration that nearly every sample exceeds, or that the mean acceleration exceeds, if gravity is
+/// included.
 const STEADY: f64 = 0.6;
 
 /// Statistics of a stream.
@@ -28,8 +30,11 @@ pub struct StreamReport {
     pub missing: f64,
     /// Longest time without a sample (s).
     pub longest_gap: f64,
-    /// Number of samples whose time is not after the previous one; they are excluded.
+    /// Number of samples without a time of their own; they are excluded.
     pub out_of_order: usize,
+    /// Treatment of the timestamps.
+    #[serde(default, skip_serializing_if = "Timing::is_own")]
+    pub timing: Timing,
     /// Share of the saturated samples; they are excluded.
     pub saturated: f64,
 }
@@ -62,51 +67,64 @@ pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
     Ok(ReadSamples { samples, lost })
 }
 
-/// Returns the time from the first to the last IMU sample of a recording (s), reading only until it is `enough`; `None` without
-/// samples.
-pub fn duration(recording: &Recording, enough: f64) -> Option<f64> {
-    let mut extras = recording.open_extras().ok()?;
-    let (mut first, mut last) = (None, None);
-    while let Some(extra) = extras.next_until(i64::MAX, &mut Vec::new()) {
-        if let Extra::Inertial(sample) = extra {
-            let t = sample.t as f64 * 1e-6;
-            let since = t - *first.get_or_insert(t);
-            last = Some(since);
-            if since >= enough {
-                break;
-            }
-        }
-    }
-    last
+/// Time covered by samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Span {
+    /// The earliest timestamp (s).
+    pub first: f64,
+    /// Time from the earliest to the latest timestamp (s).
+    pub seconds: f64,
+    /// Number of samples.
+    pub samples: usize,
 }
 
-/// Removes unusable samples, and checks units, gaps and saturation.
-///
-/// # Errors
-/// [`InertialError`] if the accelerations have another unit or no gravity, or too many samples are saturated.
-pub fn check(samples: Vec<Sample>) -> Result<(Vec<Sample>, StreamReport), InertialError> {
-    let total = samples.len();
-    let mut kept: Vec<Sample> = Vec::with_capacity(total);
-    for sample in samples {
-        if kept.last().is_none_or(|before| sample.t > before.t) {
-            kept.push(sample);
+/// Returns the time covered by the IMU samples of a recording, reading only until it is `enough` (s); `None` without samples.
+pub fn span(recording: &Recording, enough: f64) -> Option<Span> {
+    let mut extras = recording.open_extras().ok()?;
+    let mut span: Option<Span> = None;
+    while let Some(extra) = extras.next_until(i64::MAX, &mut Vec::new()) {
+        let Extra::Inertial(sample) = extra else { continue };
+        let t = sample.t as f64 * 1e-6;
+        let before = span.unwrap_or(Span { first: t, seconds: 0.0, samples: 0 });
+        let (first, last) = (before.first.min(t), (before.first + before.seconds).max(t));
+        span = Some(Span { first, seconds: last - first, samples: before.samples + 1 });
+        if last - first >= enough {
+            break;
         }
     }
+    span
+}
+
+/// Removes unusable samples, and checks times, units, gaps and saturation.
+///
+/// # Errors
+/// [`InertialError`] if all timestamps are equal, a quantity is missing, the accelerations have another unit or no gravity, or too
+/// many samples are saturated.
+pub fn check(samples: Vec<Sample>) -> Result<(Vec<Sample>, StreamReport), InertialError> {
+    check_content(&samples)?;
+    let total = samples.len();
+    let Ordered { samples: kept, timing } = ordered(samples);
     let mut intervals: Vec<f64> = kept.windows(2).map(|pair| pair[1].t - pair[0].t).collect();
     let longest_gap = intervals.iter().copied().fold(0.0, f64::max);
     let interval = median(&mut intervals, f64::total_cmp).unwrap_or(1.0);
-    let missing: f64 = intervals.iter().map(|one| (one / interval).round() - 1.0).filter(|&one| one > 0.0).sum();
+    let mut missing: f64 = intervals.iter().map(|one| (one / interval).round() - 1.0).filter(|&one| one > 0.0).sum();
+    let mut rate = 1.0 / interval;
+    if let Timing::Sorted { .. } = timing {
+        // Timestamps that scatter do not show which samples are missing.
+        (missing, rate) = (0.0, kept.len() as f64 / intervals.iter().sum::<f64>());
+    }
     let mut sizes: Vec<f64> = kept.iter().map(|sample| sample.acceleration.norm() / STANDARD_GRAVITY).collect();
     let reading = median(&mut sizes, f64::total_cmp).unwrap_or(1.0);
     sizes.sort_by(f64::total_cmp);
-    let steady = quantile(&sizes, 0.05).is_some_and(|low| low > STEADY * reading);
+    // Motion adds to gravity and subtracts from it, but hardly changes the mean. Without gravity the mean is small.
+    let mean = kept.iter().map(|sample| sample.acceleration).sum::<Vector3<f64>>() / kept.len().max(1) as f64;
+    let steady = quantile(&sizes, 0.05).is_some_and(|low| low > STEADY * reading)
+        || mean.norm() > STEADY * reading * STANDARD_GRAVITY;
     match reading {
-        0.08..0.13 if steady => {
-            return Err(InertialError::AccelerationUnit { reading, unit: "g, and were read as m/s²" });
-        }
-        7.0..14.0 => return Err(InertialError::AccelerationUnit { reading, unit: "m/s², and were read as g" }),
+        0.08..0.17 if steady => return Err(InertialError::acceleration_unit(reading, IN_G)),
+        7.0..17.0 => return Err(InertialError::acceleration_unit(reading, IN_METRES)),
         ..0.6 => return Err(InertialError::GravityRemoved { reading }),
-        1.7.. => return Err(InertialError::AccelerationUnit { reading, unit: "another unit than stated" }),
+        1.7.. => return Err(InertialError::acceleration_unit(reading, IN_ANOTHER)),
         _ => {}
     }
     let at_end = at_end_of_scale(&kept);
@@ -116,14 +134,35 @@ pub fn check(samples: Vec<Sample>) -> Result<(Vec<Sample>, StreamReport), Inerti
     }
     let report = StreamReport {
         samples: kept.len(),
-        rate: 1.0 / interval,
+        rate,
         missing: missing / (missing + kept.len() as f64),
         longest_gap,
         out_of_order: total - kept.len(),
+        timing,
         saturated,
     };
     let usable = kept.iter().zip(at_end).filter(|(_, end)| !end).map(|(sample, _)| *sample).collect();
     Ok((usable, report))
+}
+
+/// Checks that samples have different times, accelerations and angular velocities.
+///
+/// # Errors
+/// [`InertialError::OneTime`] or [`InertialError::Lacks`] if they do not.
+fn check_content(samples: &[Sample]) -> Result<(), InertialError> {
+    let Some(first) = samples.first().filter(|_| samples.len() > 1) else { return Ok(()) };
+    if samples.iter().all(|sample| sample.t == first.t) {
+        return Err(InertialError::OneTime { t: first.t });
+    }
+    for (what, value) in [
+        ("angular velocities", (|sample| sample.angular_velocity) as fn(&Sample) -> Vector3<f64>),
+        ("accelerations", |sample| sample.acceleration),
+    ] {
+        if samples.iter().all(|sample| value(sample) == Vector3::zeros()) {
+            return Err(InertialError::Lacks { what });
+        }
+    }
+    Ok(())
 }
 
 /// Returns `true` for samples with an axis at its largest value, if that value repeats like a limit.
@@ -211,6 +250,32 @@ mod tests {
         let mut samples = stream(1.0);
         samples.iter_mut().for_each(|sample| sample.acceleration.y += 9.8);
         assert!(check(samples).unwrap_err().to_string().contains("gravity seems to have been removed"));
+    }
+
+    /// A fast motion varies the magnitude too much to show gravity in it.
+    #[test]
+    fn accelerations_in_g_of_a_fast_motion_are_not_taken_for_accelerations_without_gravity() {
+        let mut samples = stream(1.0 / STANDARD_GRAVITY);
+        for sample in &mut samples {
+            sample.acceleration += Vector3::new(0.6 * (11.0 * sample.t).sin(), 0.9 * (7.0 * sample.t).sin(), 0.3);
+        }
+        assert!(check(samples.clone()).unwrap_err().to_string().contains("seem to be in g, and were read as m/s²"));
+        let count = samples.len() as f64;
+        let mean = samples.iter().map(|sample| sample.acceleration).sum::<Vector3<f64>>() / count;
+        samples.iter_mut().for_each(|sample| sample.acceleration -= mean);
+        assert!(check(samples).unwrap_err().to_string().contains("gravity seems to have been removed"));
+    }
+
+    #[test]
+    fn samples_without_times_or_with_one_quantity_are_named() {
+        let text = |change: fn(&mut Sample)| {
+            let mut samples = stream(1.0);
+            samples.iter_mut().for_each(change);
+            check(samples).unwrap_err().to_string()
+        };
+        assert!(text(|sample| sample.t = 0.0).contains("all IMU samples have the timestamp 0.000000 s"));
+        assert!(text(|sample| sample.acceleration = Vector3::zeros()).contains("contain no accelerations"));
+        assert!(text(|sample| sample.angular_velocity = Vector3::zeros()).contains("contain no angular velocities"));
     }
 
     #[test]

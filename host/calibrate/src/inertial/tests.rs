@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::finding::Finding;
-use super::parameters::{InertialParameters, POSITION};
+use super::parameters::{GYROSCOPE_DELAY, InertialParameters, POSITION};
 use super::prediction::{accelerometer, gyroscope};
 use super::*;
 use crate::circles::reference_frame::PointObservation;
@@ -237,6 +237,31 @@ fn lost_samples_are_reported() {
     assert_eq!(grade(&found), Grade::Good);
     let finding = found.findings[0].to_string();
     assert!(finding.contains("damaged") && finding.contains("a.aedat4, byte 12"), "{finding}");
+}
+
+/// Drivers that read several samples at once give all of them one timestamp.
+#[test]
+fn samples_that_share_timestamps_are_used_and_leave_the_delay_open() {
+    let mut bench = Bench::new(1, motion(1, turned([0.45, 0.5, 0.45])));
+    let own = bench.calibrated(None).unwrap();
+    let all = bench.samples.clone();
+    for size in [2, 4, 8] {
+        bench.samples = all.clone();
+        for group in bench.samples.chunks_mut(size) {
+            // The driver stamps a group when it has read it.
+            let stamp = group.last().map_or(0.0, |last| last.t) + 1e-3;
+            group.iter_mut().for_each(|sample| sample.t = stamp);
+        }
+        let found = bench.calibrated(None).unwrap();
+        let [Finding::Groups { samples, delay, .. }] = found.findings.as_slice() else { panic!("{:?}", found.findings) };
+        assert_eq!((*samples, found.used), (size, own.used), "{size}");
+        assert_eq!(grade(&found), Grade::Usable);
+        assert!((delay - own.parameters.gyroscope_delay - 1e-3).abs() < 1e-4, "{size}: {delay}");
+        // Whichever of its samples a timestamp belongs to.
+        assert!(found.sigma(GYROSCOPE_DELAY) >= size as f64 / SAMPLES);
+        let moved = found.parameters.position - own.parameters.position;
+        assert!(moved.norm() < 1e-3 && found.parameters.rotation.angle_to(&own.parameters.rotation) < 2e-3, "{moved}");
+    }
 }
 
 #[test]

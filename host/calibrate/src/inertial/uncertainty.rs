@@ -3,7 +3,9 @@
 use nalgebra::{DMatrix, Vector3};
 
 use super::error::InertialError;
-use super::parameters::{ACCELEROMETER_BIAS, COUNT, GRAVITY, InertialParameters, POSITION};
+use super::parameters::{
+    ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, COUNT, GRAVITY, GYROSCOPE_DELAY, InertialParameters, POSITION,
+};
 use crate::quality::uncertainty::blocks::{jackknife_step, scatter, sum_by_block};
 use crate::solve::bordered::{Blocks, Part, System};
 
@@ -31,6 +33,17 @@ pub fn add_systematic(covariance: &mut DMatrix<f64>, parameters: &InertialParame
     let bias = parameters.rotation * Vector3::z() * (GRAVITY_TURN * parameters.gravity.norm());
     let mut of_bias = covariance.fixed_view_mut::<3, 3>(ACCELEROMETER_BIAS, ACCELEROMETER_BIAS);
     of_bias += bias * bias.transpose();
+}
+
+/// Adds the largest of the uncertainties `timings` (s) of the relation between timestamps and samples to the delays in `covariance`:
+/// the same for both sensors.
+pub fn add_timing(covariance: &mut DMatrix<f64>, timings: impl Iterator<Item = f64>) {
+    let timing = timings.fold(0.0, f64::max);
+    for row in [GYROSCOPE_DELAY, ACCELEROMETER_DELAY] {
+        for column in [GYROSCOPE_DELAY, ACCELEROMETER_DELAY] {
+            covariance[(row, column)] += timing * timing;
+        }
+    }
 }
 
 /// Uncertainty of a solve.

@@ -149,11 +149,15 @@ pub fn grade(calibration: &InertialCalibration) -> Grade {
         Finding::PositionNotMeasured { .. }
         | Finding::RotationNotMeasured { .. }
         | Finding::DelayNotMeasured { .. }
+        | Finding::Irregular { .. }
         | Finding::Loose { .. } => Severity::Failure,
         Finding::AccelerometerNotMeasured
         | Finding::HardlyTilted { .. }
         | Finding::GyroscopeNotMeasured
         | Finding::BoardSpacing { .. }
+        | Finding::LeftOut { .. }
+        | Finding::Groups { .. }
+        | Finding::Scattered { .. }
         | Finding::CameraMoved { .. }
         | Finding::OtherCamera { .. } => Severity::Warning,
         Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Damaged { .. } | Finding::Saturated { .. } => {

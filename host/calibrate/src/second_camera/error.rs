@@ -34,6 +34,18 @@ pub enum SecondCameraError {
         /// Required time (s).
         needed: f64,
     },
+    /// The cameras hardly saw the whole board at the same time.
+    #[error(
+        "the motion of the first camera is known for {:.1} s, of the second for {:.1} s, and of both together for less than {needed:.0} s at any offset of their clocks: record longer, with the whole board in view of both",
+        seconds[0],
+        seconds[1]
+    )]
+    HardlyTogether {
+        /// Time of each camera with a known motion (s).
+        seconds: [f64; 2],
+        /// Required time (s).
+        needed: f64,
+    },
     /// The motion does not determine the alignment.
     #[error(transparent)]
     Alignment(#[from] AlignmentError),

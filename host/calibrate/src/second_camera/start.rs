@@ -80,7 +80,14 @@ pub fn start(
 ) -> Result<Start, SecondCameraError> {
     let of_first = rates(first);
     of_first.check()?;
-    let offsets = offsets(&of_first, &second.rates, OVERLAP, MOST_OFFSETS)?;
+    let offsets = offsets(&of_first, &second.rates, OVERLAP, MOST_OFFSETS).map_err(|error| match error {
+        // No offset gives both enough time, so there is nothing to compare.
+        AlignmentError::OtherMotion { correlation: ..=0.0 } => SecondCameraError::HardlyTogether {
+            seconds: [&of_first, &second.rates].map(|rates| rates.known().count() as f64 * rates.step),
+            needed: FEWEST_SECONDS,
+        },
+        error => error.into(),
+    })?;
     let step = of_first.step;
     // If the rotation rates agree at several offsets, the transform between the cameras is constant only at the right
     // one.

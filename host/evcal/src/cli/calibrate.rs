@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use super::advice::with_advice;
 use super::settings::read_settings;
-use evcal_calibrate::calibrate::board_choice::choose_board;
+use evcal_calibrate::calibrate::board_choice::{choose_board, confirm_board};
 use evcal_calibrate::calibrate::inertia::InertialRequest;
 use evcal_calibrate::calibrate::inertia::check_length;
 use evcal_calibrate::calibrate::input::{Input, InputError};
@@ -19,6 +19,7 @@ use evcal_calibrate::circles::serial::{SerialAddress, SerialError};
 use evcal_calibrate::detection::settings::{DetectionSettings, Grid};
 use evcal_calibrate::inertial;
 use evcal_calibrate::inertial::settings::InertialSettings;
+use evcal_calibrate::inertial::units::MessageUnits;
 use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
@@ -165,6 +166,9 @@ pub struct CalibrationArguments {
     /// columns with their units: t_us,ax_g,ay_g,az_g,gx_deg_s,gy_deg_s,gz_deg_s (docs/imu.md)
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     imu: Option<Option<PathBuf>>,
+    /// Units of the IMU samples in a bag, if its driver does not use m/s² and rad/s: g, deg_s or both, as g,deg_s
+    #[arg(long, value_name = "UNITS", requires = "imu")]
+    imu_units: Option<MessageUnits>,
     /// Magnitude of gravity at the place of the recording, for --imu
     #[arg(
         long,
@@ -225,8 +229,26 @@ impl MethodArguments {
         options: &RecordingOptions,
         settings: &DetectionSettings,
     ) -> Result<Board, Box<dyn Error>> {
-        board_in(&self.board, files, options, settings)
+        let board = board_in(&self.board, files, options, settings)?;
+        let BoardRequest::Given(board) = self.board else { return Ok(board) };
+        let recordings = recordings_in(files, options)?;
+        let confirmed = confirm_board(&board, &recordings.iter().collect::<Vec<_>>())?;
+        if let Some(note) = confirmed.note {
+            print::aside(note);
+        }
+        Ok(confirmed.board)
     }
+}
+
+/// Opens the files that contain events.
+fn recordings_in(files: &[PathBuf], options: &RecordingOptions) -> Result<Vec<Recording>, Box<dyn Error>> {
+    let mut recordings = Vec::new();
+    for file in files.iter().filter(|file| !SerialAddress::is_address(file)) {
+        if InputKind::of(file)? == InputKind::Events {
+            recordings.push(Recording::new(file, options.clone())?);
+        }
+    }
+    Ok(recordings)
 }
 
 /// Returns the requested board, or recognises it in the files that contain events, and prints it.
@@ -239,12 +261,7 @@ pub(super) fn board_in(
     if let BoardRequest::Given(board) = request {
         return Ok(*board);
     }
-    let mut recordings = Vec::new();
-    for file in files.iter().filter(|file| !SerialAddress::is_address(file)) {
-        if InputKind::of(file)? == InputKind::Events {
-            recordings.push(Recording::new(file, options.clone())?);
-        }
-    }
+    let recordings = recordings_in(files, options)?;
     let recordings: Vec<&Recording> = recordings.iter().collect();
     let board = choose_board(request, &recordings, settings)?;
     print::aside(format!("recognised board: {board}"));
@@ -274,6 +291,7 @@ impl CalibrationArguments {
         let file = self.imu.clone()?;
         Some(InertialRequest {
             file,
+            units: self.imu_units,
             settings: InertialSettings { gravity: self.gravity, ..InertialSettings::default() },
         })
     }

@@ -84,6 +84,9 @@ pub struct TagGrid {
     pub first_id: u16,
     /// Numbering of the tags.
     pub order: TagOrder,
+    /// Number of quarter turns, clockwise on the print, by which each tag is rotated from the orientation that is usual for
+    /// `order`.
+    pub turn: u8,
 }
 
 /// Position of the tags on a ChArUco board with an even number of rows. With an odd number both layouts are equal.
@@ -292,13 +295,15 @@ impl TagGrid {
                 TagOrder::Upwards => 2 * row + 1,
                 TagOrder::Downwards => 2 * row,
             };
-            let corners = upright(self.on_board([self.edge(2 * column), self.edge(top)]), self.tag);
+            let upright = upright(self.on_board([self.edge(2 * column), self.edge(top)]), self.tag);
+            let mut corners = match self.order {
+                TagOrder::Upwards => upright,
+                TagOrder::Downwards => as_opencv_draws(self.dictionary, upright),
+            };
+            corners.rotate_left(usize::from(self.turn % 4));
             Some(Tag {
                 id,
-                corners: match self.order {
-                    TagOrder::Upwards => corners,
-                    TagOrder::Downwards => as_opencv_draws(self.dictionary, corners),
-                },
+                corners,
                 side: self.dictionary.family.inner_side() + 2 * usize::from(self.border),
                 light: self.dictionary.family.light(id, self.border)?,
             })

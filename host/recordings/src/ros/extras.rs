@@ -5,21 +5,23 @@
 //! `/davis/left/events`. Images are taken to be from another camera in three cases: if they are larger than the sensor,
 //! if they are smaller and their topic shares no part with the event topic, or if their coordinate frame or topic names
 //! another side of a rig (left, right, 0, 1) than the coordinate frame or topic of the events. Images that may be depth
-//! images are not read; they are reported if there are no other images.
+//! images are not read; they are reported if there are no other images. If the topic of samples lacks accelerations or
+//! angular velocities, they are taken from another topic ([`super::merged_samples`]).
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use evcal_core::sensor::Sensor;
 
 use super::container::{Container, OpenContainer, Topic, is_skipped};
 use super::fields::MessageError;
+use super::merged_samples::{MergedSamples, Quantities};
 use super::message::{self, Kind};
 use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{
-    BOTH, Extra, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, read_or_report, take_until,
+    BOTH, Extra, InertialSample, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, read_or_report, take_until,
 };
 use crate::options::{Damage, RecordingOptions};
 use crate::pictures::TimedImage;
@@ -39,6 +41,8 @@ struct Topics {
     /// `true` if the encoding of the images is supported.
     are_pictures_read: bool,
     samples: Option<usize>,
+    /// Topic of the accelerations, if those of `samples` are without accelerations.
+    accelerations: Option<usize>,
     /// Topic of images that seem to be from another camera, if there are no others.
     other: Option<Other>,
 }
@@ -54,6 +58,8 @@ struct Other {
 /// A message that was read.
 enum Read {
     Extra(Extra),
+    /// A sample of the topic of accelerations.
+    Acceleration(InertialSample),
     Unread(UnreadFrame),
 }
 
@@ -62,8 +68,9 @@ struct MessageExtras {
     container: Box<dyn Container>,
     next: Option<Extra>,
     topics: Topics,
-    /// Descriptions of the topics of images and of samples, by [`super::container::Topic::description`].
-    names: [Option<String>; 2],
+    /// Descriptions of the topics of images, of samples and of their accelerations, by
+    /// [`super::container::Topic::description`].
+    names: [Option<String>; 3],
     /// Description of the topic of images from another camera.
     other: Option<String>,
     /// Description of an error in the first element.
@@ -71,6 +78,7 @@ struct MessageExtras {
     damage: Damage,
     skipped: Skipped,
     unread: UnreadFrames,
+    merged: MergedSamples,
 }
 
 /// Reads the next image or sample of `topics`. Images in an unsupported encoding are counted in `unread`.
@@ -80,14 +88,22 @@ fn next(
     damage: Damage,
     skipped: &mut Skipped,
     unread: &mut UnreadFrames,
+    merged: &mut MergedSamples,
 ) -> Result<Option<Extra>, RecordingError> {
-    while let Some(read) = next_or_unread(container, topics, damage, skipped)? {
-        match read {
-            Read::Extra(extra) => return Ok(Some(extra)),
-            Read::Unread(frame) => unread.add(frame),
+    loop {
+        if let Some(sample) = merged.next() {
+            return Ok(Some(Extra::Inertial(sample)));
+        }
+        match next_or_unread(container, topics, damage, skipped)? {
+            Some(Read::Extra(Extra::Inertial(sample))) if topics.accelerations.is_some() => {
+                merged.add_angular_velocity(sample);
+            }
+            Some(Read::Extra(extra)) => return Ok(Some(extra)),
+            Some(Read::Acceleration(sample)) => merged.add_acceleration(sample),
+            Some(Read::Unread(frame)) => unread.add(frame),
+            None => return Ok(None),
         }
     }
-    Ok(None)
 }
 
 /// Reads the next image or sample like [`next`], but also returns images in an unsupported encoding. Damage without a
@@ -111,6 +127,9 @@ fn next_or_unread(
         } else if topics.samples == Some(head.topic) {
             let sample = message::inertial_sample(topic.wire, container.message());
             sample.map(|sample| Some(Read::Extra(Extra::Inertial(sample))))
+        } else if topics.accelerations == Some(head.topic) {
+            let sample = message::inertial_sample(topic.wire, container.message());
+            sample.map(|sample| Some(Read::Acceleration(sample)))
         } else {
             Ok(None)
         };
@@ -141,7 +160,8 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     let mut events: Option<Events> = None;
     // Topics of images, each with its first image; `None` if they cannot be from the camera of the events.
     let mut pictures: BTreeMap<usize, Option<Pictures>> = BTreeMap::new();
-    let mut samples: BTreeSet<usize> = BTreeSet::new();
+    // Topics of samples, each with the quantities of its first sample.
+    let mut samples: BTreeMap<usize, Quantities> = BTreeMap::new();
     let listed = container.listed();
     let listed = |kind: Kind| Some(listed.as_ref()?.iter().filter(|topic| topic.kind == kind).count());
     let (listed_pictures, listed_samples) = (listed(Kind::Image), listed(Kind::Imu));
@@ -193,7 +213,11 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
                 });
                 pictures.insert(head.topic, of_topic);
             }
-            Kind::Imu => _ = samples.insert(head.topic),
+            Kind::Imu if !samples.contains_key(&head.topic) => {
+                // A damaged sample does not determine the quantities of its topic.
+                let Ok(sample) = message::inertial_sample(topic.wire, message) else { continue };
+                samples.insert(head.topic, Quantities::of(&sample));
+            }
             _ => {}
         }
     }
@@ -233,8 +257,21 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
     let pictures = own.map(|(index, _)| index);
     let other =
         other.map(|(index, other)| Other { topic: index, larger: Some(other.size).filter(|size| is_larger(*size)) });
-    let samples = samples.into_iter().max_by_key(|&index| (fit(index), Reverse(index)));
-    Ok(Topics { pictures, are_pictures_read, samples, other })
+    let best = |is_wanted: fn(&Quantities) -> bool| {
+        let wanted = samples.iter().filter(|(_, quantities)| is_wanted(quantities)).map(|(index, _)| *index);
+        wanted.max_by_key(|&index| (fit(index), Reverse(index)))
+    };
+    let any = best(|_| true);
+    // Drivers of some cameras publish accelerations and angular velocities in topics of their own.
+    let (samples, accelerations) = match (best(|it| it.angular_velocity), best(|it| it.acceleration)) {
+        (Some(turns), Some(accelerations))
+            if [turns, accelerations].iter().all(|index| samples.get(index).is_some_and(|it| !it.are_both())) =>
+        {
+            (Some(turns), Some(accelerations))
+        }
+        _ => (any, None),
+    };
+    Ok(Topics { pictures, are_pictures_read, samples, accelerations, other })
 }
 
 /// The topic of the events.
@@ -287,13 +324,15 @@ pub fn open(
     let mut container = open(path)?;
     let topics = choose(&mut *container, options.stream.as_deref(), options.damage)?;
     let description = |topic: Option<usize>| Some(container.topics().get(topic?)?.description());
-    let names = [topics.pictures, topics.samples].map(description);
+    let names = [topics.pictures, topics.samples, topics.accelerations].map(description);
     let other = description(topics.other.map(|other| other.topic));
     let mut container = open(path)?;
     let mut lost = Vec::new();
     let (damage, mut skipped, mut unread) = (options.damage, Skipped::new(options.damage), UnreadFrames::default());
-    let first = read_or_report(next(&mut *container, topics, damage, &mut skipped, &mut unread), BOTH, &mut lost);
-    Ok(Box::new(MessageExtras { container, next: first, topics, names, other, lost, damage, skipped, unread }))
+    let mut merged = MergedSamples::default();
+    let first = next(&mut *container, topics, damage, &mut skipped, &mut unread, &mut merged);
+    let first = read_or_report(first, BOTH, &mut lost);
+    Ok(Box::new(MessageExtras { container, next: first, topics, names, other, lost, damage, skipped, unread, merged }))
 }
 
 impl ReadExtras for MessageExtras {
@@ -311,8 +350,8 @@ impl ReadExtras for MessageExtras {
             self.skipped.report(lost);
             self.unread.report(lost);
         }
-        let Self { container, topics, damage, skipped, unread, .. } = self;
-        take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped, unread))
+        let Self { container, topics, damage, skipped, unread, merged, .. } = self;
+        take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped, unread, merged))
     }
 
     fn reads(&self, stream: &str) -> bool {
@@ -321,8 +360,8 @@ impl ReadExtras for MessageExtras {
 
     fn chosen(&self) -> Vec<String> {
         let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are read from {}", name.as_ref()?));
-        let read = [self.topics.are_pictures_read, true];
-        let chosen = ["frames", "IMU samples"].into_iter().zip(&self.names).zip(read);
+        let read = [self.topics.are_pictures_read, true, true];
+        let chosen = ["frames", "IMU samples", "their accelerations"].into_iter().zip(&self.names).zip(read);
         chosen.filter_map(|(chosen, is_read)| sentence(chosen).filter(|_| is_read)).collect()
     }
 
@@ -352,7 +391,7 @@ pub fn visit_frames(
     Ok(loop {
         match next_or_unread(&mut *container, topics, options.damage, &mut skipped) {
             Ok(Some(Read::Extra(Extra::Frame(frame)))) => visit(frame.into()),
-            Ok(Some(Read::Extra(Extra::Inertial(_)))) => {}
+            Ok(Some(Read::Extra(Extra::Inertial(_)) | Read::Acceleration(_))) => {}
             Ok(Some(Read::Unread(frame))) => {
                 visit((&frame).into());
                 unread.add(frame);

@@ -13,13 +13,13 @@ use super::{EXAMPLE_LENGTH, SeenTag};
 use crate::tags::middle;
 
 /// Distances of neighbouring tags of a grid, in sides of a tag. Tags in a row of a ChArUco board are farther apart.
-const NEIGHBOURS: std::ops::Range<f64> = 1.0..2.05;
+pub(super) const NEIGHBOURS: std::ops::Range<f64> = 1.0..2.05;
 /// Distances of diagonal neighbours of a ChArUco board along one axis, in sides of a tag.
-const DIAGONAL: std::ops::Range<f64> = 1.0..1.9;
+pub(super) const DIAGONAL: std::ops::Range<f64> = 1.0..1.9;
 /// Largest error of a distance along one axis, in sides of a tag.
-const TOLERANCE: f64 = 0.25;
+pub(super) const TOLERANCE: f64 = 0.25;
 /// Fewest pairs of neighbouring tags, and their share that must agree.
-const FEWEST_PAIRS: usize = 4;
+pub(super) const FEWEST_PAIRS: usize = 4;
 const AGREEING: f64 = 0.8;
 /// Number of moments in which a tag must be seen.
 const FEWEST_SIGHTINGS: usize = 2;
@@ -29,11 +29,11 @@ const MEASURED: f64 = 0.02;
 const DARK: f32 = 0.5;
 
 /// Two tags of one picture.
-struct Pair {
-    ids: [u16; 2],
+pub(super) struct Pair {
+    pub(super) ids: [u16; 2],
     /// Position of the second tag relative to the first, in the first one's orientation and in sides of a tag: x to the
     /// right, y downwards.
-    offset: [f64; 2],
+    pub(super) offset: [f64; 2],
 }
 
 impl Pair {
@@ -65,7 +65,8 @@ fn dictionary_of(family: TagFamily, last: u16) -> Option<Dictionary> {
         .min_by_key(|dictionary| dictionary.tags)
 }
 
-fn pairs_of(tags: &[SeenTag]) -> Vec<Pair> {
+/// Returns all pairs of the tags of one moment, in both orders.
+pub(super) fn pairs_of(tags: &[SeenTag]) -> Vec<Pair> {
     let unit = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(Vector2::from);
     let corners = |tag: &SeenTag| tag.found.corners.map(|corner| Vector2::from(corner).cast::<f64>());
     let maps: Vec<Option<Matrix3<f64>>> = tags.iter().map(|tag| homography(&corners(tag), &unit)).collect();
@@ -119,27 +120,35 @@ fn grid(pairs: &[Pair], ids: &[u16], family: TagFamily, border: u8, corner_squar
     let (seen, last) = (*ids.first()?, *ids.last()?);
     let dictionary = dictionary_of(family, last)?;
     let count = last - seen + 1;
-    let columns = match (right, down) {
-        (_, Some(down)) => u16::try_from(down.unsigned_abs()).ok()?,
-        (Some(_), None) => count,
-        (None, None) => return None,
-    };
-    let order = match (dictionary.family.is_april(), right.unwrap_or(1), down.unwrap_or(-1)) {
-        (true, 1, ..=-1) => TagOrder::Upwards,
-        (true, -1, ..=-1) | (false, 1, 1..) => TagOrder::Downwards,
+    // Directions of the ids in a row, and of the rows, in the orientation of a tag: x to the right, y downwards.
+    let (along, across, columns) = match (right, down) {
+        (Some(right @ (1 | -1)), Some(down)) if down.abs() > 1 => ([right, 0], [0, down.signum()], down.abs()),
+        (Some(right), Some(down @ (1 | -1))) if right.abs() > 1 => ([0, down], [right.signum(), 0], right.abs()),
+        // A single row is numbered as if it had rows above it, and a single column as if it had columns to its right.
+        (Some(right @ (1 | -1)), None) => ([right, 0], [0, -1], i32::from(count)),
+        (None, Some(down @ (1 | -1))) => ([1, 0], [0, down], 1),
         _ => return None,
     };
-    // A single column has no step to the right.
-    if right.is_none() && columns > 1 {
-        return None;
-    }
+    let columns = u16::try_from(columns).ok()?;
+    // A rotation does not change the handedness of both directions.
+    let order = match along[0] * across[1] - along[1] * across[0] {
+        1 => TagOrder::Downwards,
+        _ => TagOrder::Upwards,
+    };
+    // Quarter turns, clockwise on the print, from upright.
+    let turned: u8 = match along {
+        [1, _] => 0,
+        [_, -1] => 1,
+        [-1, _] => 2,
+        _ => 3,
+    };
+    let usual = if order == TagOrder::Downwards && dictionary.family.is_april() { 2 } else { 0 };
+    let turn = (turned + 4 - usual) % 4;
     // Perspective makes the offsets of distant tags inaccurate.
     let near = pairs.iter().filter(|pair| pair.offset.iter().all(|offset| offset.abs() < NEIGHBOURS.end));
     let steps = near.map(|pair| (pair.ids, pair.offset.map(|offset| (offset / period).round() as i32)));
     let places = places(&steps.collect(), &ids);
-    let along = |place: &[i32; 2]| {
-        if order == TagOrder::Upwards || !dictionary.family.is_april() { place[0] } else { -place[0] }
-    };
+    let along = |place: &[i32; 2]| place[0] * along[0] + place[1] * along[1];
     // A row begins in the first column, even if its first tag was not in view.
     let left = places.values().map(along).min()?;
     let first = places.iter().map(|(id, place)| i32::from(*id) - (along(place) - left)).min()?;
@@ -154,6 +163,7 @@ fn grid(pairs: &[Pair], ids: &[u16], family: TagFamily, border: u8, corner_squar
         border,
         first_id: first,
         order,
+        turn,
     })
 }
 

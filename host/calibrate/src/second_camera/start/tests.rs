@@ -177,3 +177,17 @@ fn mistakes_are_named() {
     let error = refused(&first(1.0), &[]);
     assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::OtherMotion { .. })), "{error}");
 }
+
+/// A camera with a small view sees the whole board again and again, but never for long. No offset of the clocks then gives both
+/// enough time, which says nothing about their motion.
+#[test]
+fn cameras_that_hardly_saw_the_board_together_are_not_taken_for_strangers() {
+    let all = first(1.0);
+    let short: Vec<Trajectory> =
+        (0..6).map(|index| fitted_to(|t| first_pose(t, 1.0), 3.0 * f64::from(index)..3.0 * f64::from(index) + 0.25)).collect();
+    let symmetric = symmetries(&"acircles:9x4:55mm:r17.5mm".parse().unwrap());
+    let error = start(&all, &Seen::along(&short), &symmetric, LOOSE).unwrap_err();
+    let SecondCameraError::HardlyTogether { seconds, needed } = &error else { panic!("{error}") };
+    assert!(seconds[0] > 15.0 && seconds[1] < 1.5 && *needed == FEWEST_SECONDS, "{error}");
+    assert!(error.to_string().contains("with the whole board in view of both"), "{error}");
+}

@@ -14,7 +14,7 @@ use evcal_calibrate::detection::radius::OtherRadius;
 use evcal_calibrate::detection::{NoPattern, NoPatternCause};
 use evcal_calibrate::evaluate::captured::CapturedError;
 use evcal_calibrate::evaluate::comparison::{CompareError, TrajectoryOf};
-use evcal_calibrate::inertial::error::InertialError;
+use evcal_calibrate::inertial::error::{IN_DEGREES, IN_G, InertialError};
 use evcal_calibrate::initial::InitialError;
 use evcal_calibrate::motion_capture::file::{CaptureError, CaptureFileError};
 use evcal_calibrate::picture_calibration::calibration::PictureFailure;
@@ -209,6 +209,11 @@ fn about_board_choice(error: &BoardChoiceError) -> Option<String> {
             Some("describe the board with --board: evcal board --help lists all kinds".to_owned())
         }
         BoardChoiceError::SizeUnknown { found } => Some(format!("for example --board {}", found.example())),
+        BoardChoiceError::WrongRatio(ratio) => Some(format!("use --board {}", ratio.board)),
+        BoardChoiceError::Other { found: OtherReading::Board { board, .. }, .. } => Some(format!("use --board {board}")),
+        BoardChoiceError::Other { found: OtherReading::Kind(found), .. } => {
+            Some(format!("for example --board {}", found.example()))
+        }
         _ => None,
     }
 }
@@ -253,6 +258,17 @@ fn about_inertial(error: &InertialError) -> Option<&'static str> {
     match error {
         InertialError::NoTrajectory => Some("leave out --frames-only"),
         InertialError::NoSamples { .. } => Some("record with the IMU enabled, or give its samples with --imu FILE.csv"),
+        InertialError::OneTime { .. } | InertialError::Lacks { .. } => {
+            Some("write them to a CSV file, and give it with --imu FILE.csv")
+        }
+        InertialError::UnitsOfFormat { .. } => Some("leave out --imu-units"),
+        InertialError::AccelerationUnit { unit: IN_G, of_file: false, .. } => Some("add --imu-units g"),
+        InertialError::AngularUnit { unit: IN_DEGREES, of_file: false, .. } => {
+            Some("add --imu-units deg_s, or g,deg_s if accelerations are in g too")
+        }
+        InertialError::AccelerationUnit { of_file: false, .. } | InertialError::AngularUnit { of_file: false, .. } => {
+            Some("correct --imu-units, or write the samples with the units in its header to a CSV file, and give it with --imu FILE.csv")
+        }
         _ => None,
     }
 }

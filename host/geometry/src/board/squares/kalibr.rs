@@ -18,6 +18,9 @@ use crate::board::layout_name;
 /// Largest size of a file in bytes.
 const LARGEST: usize = 1 << 16;
 
+/// Smallest ratio of gap to tag in a target file. With a smaller one, the squares at the corners of tags could not be printed.
+const LEAST_SPACING: f64 = 0.05;
+
 /// The board in a target file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
@@ -92,6 +95,16 @@ pub enum TargetProblem {
         /// Spacing of the columns in metres.
         column: f64,
     },
+    /// The spacing of the tags is too small for a ratio.
+    #[error(
+        "tagSpacing is {given}; is that the gap between two tags in metres? It must be the gap divided by tagSize: {ratio:.4} if the gap is {given} m"
+    )]
+    GapInMetres {
+        /// The value in the file.
+        given: f64,
+        /// The ratio, if it is a gap in metres.
+        ratio: f64,
+    },
     /// The board needs more tags than the dictionary has.
     #[error("{0}")]
     Tags(SquareBoardProblem),
@@ -128,18 +141,32 @@ pub fn parse(text: &str) -> Result<Target, TargetProblem> {
 }
 
 fn aprilgrid(document: &Yaml) -> Result<SquareBoard, TargetProblem> {
+    let tag = length(document, "tagSize")?;
+    let spacing = number(document, "tagSpacing", SPACINGS, "the gap between two tags divided by the size of a tag")?;
+    if spacing < LEAST_SPACING {
+        return Err(TargetProblem::GapInMetres { given: spacing, ratio: spacing / tag });
+    }
+    let first_id = match &document["codeOffset"] {
+        Yaml::BadValue => 0,
+        value => {
+            let id = value.as_i64().and_then(|id| u16::try_from(id).ok());
+            id.ok_or_else(|| wrong("codeOffset", value, "the number of the first tag, from 0 on".to_owned()))?
+        }
+    };
     let grid = TagGrid {
         rows: count(document, "tagRows", 1)?,
         columns: count(document, "tagCols", 1)?,
-        tag: length(document, "tagSize")?,
-        spacing: number(document, "tagSpacing", SPACINGS, "the gap between two tags divided by the size of a tag")?,
+        tag,
+        spacing,
         corner_squares: true,
         dictionary: Dictionary::APRIL_36H11,
         border: 2,
-        first_id: 0,
+        first_id,
         order: TagOrder::Upwards,
+        turn: 0,
     };
-    enough(usize::from(grid.rows) * usize::from(grid.columns), grid.dictionary).map_err(TargetProblem::Tags)?;
+    let needed = usize::from(first_id) + usize::from(grid.rows) * usize::from(grid.columns);
+    enough(needed, grid.dictionary).map_err(TargetProblem::Tags)?;
     Ok(SquareBoard::Tags(grid))
 }
 
@@ -255,6 +282,8 @@ asymmetricGrid: True        #use asymmetric grid (opencv) [bool]
         assert_eq!(circle_target(&symmetric).to_string(), "circles:11x4:20mm");
         assert_eq!(circle_target(&symmetric.replace("False", "no")).to_string(), "circles:11x4:20mm");
         assert_eq!(squares(&APRILGRID.replace("0.088", "1")), "aprilgrid:7x6:1000mm:0.3");
+        // Kalibr's readers of other tags than the first ones of the family.
+        assert_eq!(squares(&format!("{APRILGRID}codeOffset: 48\n")), "aprilgrid:7x6:88mm:0.3:first48");
     }
 
     /// Kalibr's asymmetric grid: circle (r, c) at x = (2 c + r mod 2) spacing, y = r spacing.
@@ -296,6 +325,10 @@ asymmetricGrid: True        #use asymmetric grid (opencv) [bool]
             (&APRILGRID.replace("0.088", "88"), "tagSize is 88; it must be a number from 0.000001 to 10, metres"),
             (&APRILGRID.replace("0.088", ".nan"), "tagSize is .nan"),
             (&APRILGRID.replace("0.3", "30"), "tagSpacing is 30"),
+            // The gap in metres: 0.3 of 0.088 m.
+            (&APRILGRID.replace("0.3", "0.0264"), "It must be the gap divided by tagSize: 0.3000 if the gap is 0.0264 m"),
+            (&format!("{APRILGRID}codeOffset: 560\n"), "the board needs 602 tags"),
+            (&format!("{APRILGRID}codeOffset: -1\n"), "codeOffset is -1"),
             (&APRILGRID.replace("0.3", "[1]"), "tagSpacing is not a single value"),
             (&APRILGRID.replace(": 6 ", ": 64 ").replace(": 7 ", ": 64 "), "the board needs 4096 tags"),
             (&CHECKERBOARD.replace("colSpacingMeters: 0.06", "colSpacingMeters: 0.1"), "only checkerboards of squares"),

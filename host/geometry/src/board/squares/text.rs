@@ -90,11 +90,11 @@ const CHARUCO: &str = "charuco";
 const CHECKERBOARD_FORM: &str = "checkerboard:ROWSxCOLUMNS:SQUARE with the numbers of inner corners, for example \
      checkerboard:6x9:25mm; append :light if the square at the top left is white";
 const APRILGRID_FORM: &str = "aprilgrid:ROWSxCOLUMNS:TAG:SPACING with the size of a tag and the gap divided by it, for example \
-     aprilgrid:6x6:35.2mm:0.3; append :border1, :25h9, :first36 or :down for one with another border, family, first id, or with \
-     rows numbered downwards";
+     aprilgrid:6x6:35.2mm:0.3; append :border1, :25h9, :first36, :down or :turned180 for one with another border, family, \
+     first id, with rows numbered downwards, or with each tag rotated";
 const APRILTAGS_FORM: &str = "apriltags:ROWSxCOLUMNS:TAG:SPACING with the size of a tag and the gap divided by it, for example \
-     apriltags:3x4:30mm:0.25; append :border2, :25h9, :first36 or :down for one with another border, family, first id, or with \
-     rows numbered downwards";
+     apriltags:3x4:30mm:0.25; append :border2, :25h9, :first36, :down or :turned180 for one with another border, family, \
+     first id, with rows numbered downwards, or with each tag rotated";
 const CHARUCO_FORM: &str = "charuco:ROWSxCOLUMNS:SQUARE:MARKER:DICTIONARY with the numbers of squares (OpenCV states the columns \
      first), for example charuco:5x7:30mm:22mm:DICT_5X5_100; append :legacy for a board with an even number of rows from OpenCV \
      before 4.6";
@@ -189,6 +189,7 @@ fn tags(mut parts: Parts<'_>, corner_squares: bool) -> Result<SquareBoard, Squar
         border: usual_border(corner_squares),
         first_id: 0,
         order: TagOrder::Upwards,
+        turn: 0,
     };
     for part in parts.0 {
         match part {
@@ -196,6 +197,9 @@ fn tags(mut parts: Parts<'_>, corner_squares: bool) -> Result<SquareBoard, Squar
             "border2" => grid.border = 2,
             "up" => grid.order = TagOrder::Upwards,
             "down" => grid.order = TagOrder::Downwards,
+            "turned90" => grid.turn = 1,
+            "turned180" => grid.turn = 2,
+            "turned270" => grid.turn = 3,
             _ => match (part.strip_prefix("first").map(str::parse), part.parse()) {
                 (Some(Ok(first)), _) => grid.first_id = first,
                 (_, Ok(dictionary)) => grid.dictionary = dictionary,
@@ -301,9 +305,12 @@ impl fmt::Display for TagGrid {
         if self.first_id != 0 {
             write!(f, ":first{}", self.first_id)?;
         }
-        match self.order {
-            TagOrder::Upwards => Ok(()),
-            TagOrder::Downwards => f.write_str(":down"),
+        if self.order == TagOrder::Downwards {
+            f.write_str(":down")?;
+        }
+        match self.turn % 4 {
+            0 => Ok(()),
+            quarters => write!(f, ":turned{}", 90 * u16::from(quarters)),
         }
     }
 }
@@ -333,6 +340,8 @@ mod tests {
             "apriltags:3x4:30mm:0.25",
             "apriltags:1x2:100mm:1.5:16h5:border2:first7",
             "apriltags:3x4:30mm:0.25:DICT_6X6_250:down",
+            "apriltags:3x4:30mm:0.25:down:turned180",
+            "aprilgrid:6x6:35.2mm:0.3:border1:first36:turned270",
             "charuco:5x7:30mm:22mm:DICT_5X5_100",
             "charuco:8x11:24mm:18mm:DICT_APRILTAG_36h11:legacy",
             "charuco:10x10:24mm:18mm:DICT_ARUCO_ORIGINAL",

@@ -1,0 +1,229 @@
+//! Comparison of a stated board of squares with some pictures, before the whole recording is searched for it.
+//!
+//! The pictures are spread over the beginning of the recording, ever farther apart. They end as soon as they show the stated board.
+
+use std::ops::ControlFlow;
+
+use evcal_core::event::Event;
+use evcal_core::sensor::Sensor;
+use evcal_geometry::board::squares::{Charuco, TagGrid};
+use evcal_geometry::board::{Board, SquareBoard};
+use evcal_squares::picture::Picture;
+use evcal_squares::recognition::recognise;
+use evcal_squares::recognition::stated::{Comparison, StatedTags};
+use evcal_squares::reconstruction::{Moment, Reconstruction, ReconstructionOptions};
+use event_recordings::pass::read_while;
+use event_recordings::{Recording, RecordingError};
+
+use super::other_board::{OtherReading, other_squares};
+use super::recognised::in_lengths_of;
+use super::square_finder::SquareFinder;
+
+/// Time of the events of one picture (µs). The picture is at its middle.
+const WINDOW: i64 = 400_000;
+/// The windows from which pictures are made, counted from the beginning.
+const WINDOWS: [i64; 12] = [0, 1, 2, 3, 4, 6, 9, 13, 20, 30, 45, 68];
+/// Fewest pictures for a decision.
+const FEWEST: usize = 3;
+/// Number of pictures that must show the board if its tags are too small to be read one by one.
+const FEWEST_FOUND: usize = 3;
+/// Difference between the measured and the stated ratio of both lengths of a board from which the stated one is wrong, and from
+/// which it may be.
+const WRONG_RATIO: f64 = 0.02;
+const DOUBTFUL_RATIO: f64 = 0.007;
+
+/// Result of the comparison.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StatedBoard {
+    /// The pictures show the stated board, or do not show a board clearly.
+    Kept,
+    /// They show it, but the ratio of its two lengths seems to be another one.
+    DoubtfulRatio(OtherRatio),
+    /// They show it with another ratio of its two lengths.
+    WrongRatio(OtherRatio),
+    /// They show a board with the rows, columns, family and lengths of the stated one whose tags are numbered, rotated or bordered
+    /// in another way.
+    Variant(SquareBoard),
+    /// They show another board.
+    Other(OtherReading),
+}
+
+/// The measured ratio of the two lengths of a board of tags.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OtherRatio {
+    /// The board with the measured ratio.
+    pub board: SquareBoard,
+    /// Gap divided by the side of a tag, or side of a marker divided by the side of a square.
+    pub measured: f64,
+    /// The stated ratio.
+    pub stated: f64,
+}
+
+/// Compares the `stated` board with pictures of a recording.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> Result<StatedBoard, RecordingError> {
+    let finder = SquareFinder::new(stated);
+    let mut tags = StatedTags::new(stated);
+    let (mut moments, mut found) = (Vec::new(), 0);
+    let mut clear = None;
+    visit(recording, sensor, |pictures| {
+        match &mut tags {
+            Some(tags) => {
+                tags.add(&pictures);
+                // Contradictions need all pictures, because they may show only parts of the board.
+                clear = Some(tags.compare()).filter(|it| matches!(it, Comparison::Same { .. }));
+            }
+            None => found += usize::from(finder.find(&pictures, None).is_ok()),
+        }
+        moments.push(pictures);
+        let is_decided = clear.is_some() || found >= 1;
+        if moments.len() >= FEWEST && is_decided { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    let comparison = clear.or_else(|| tags.as_ref().map(StatedTags::compare)).unwrap_or(Comparison::Unclear);
+    Ok(match comparison {
+        Comparison::Same { ratio } => of_ratio(stated, ratio),
+        Comparison::Other(other) => of_other(other, stated, moments.len()),
+        Comparison::Unclear if found > 0 => StatedBoard::Kept,
+        Comparison::Unclear => {
+            let is_found = |pictures: &&Vec<Picture>| finder.find(pictures, None).is_ok();
+            if tags.is_some() && moments.iter().filter(is_found).count() >= FEWEST_FOUND {
+                return Ok(StatedBoard::Kept);
+            }
+            let other = recognise(&moments).and_then(|found| other_squares(found, stated));
+            other.map_or(StatedBoard::Kept, StatedBoard::Other)
+        }
+    })
+}
+
+fn of_ratio(stated: &SquareBoard, measured: f64) -> StatedBoard {
+    let (given, board) = match stated {
+        SquareBoard::Tags(grid) => {
+            let spacing = rounded(measured, if (measured - rounded(measured, 20.0)).abs() < WRONG_RATIO { 20.0 } else { 100.0 });
+            (grid.spacing, SquareBoard::Tags(TagGrid { spacing, ..*grid }))
+        }
+        SquareBoard::Charuco(board) => {
+            // Half a millimetre is what a ruler shows.
+            let marker = rounded(measured * board.square, 2000.0);
+            (board.marker / board.square, SquareBoard::Charuco(Charuco { marker, ..*board }))
+        }
+        SquareBoard::Checkerboard(_) => return StatedBoard::Kept,
+    };
+    let ratio = OtherRatio { board, measured, stated: given };
+    match (measured - given).abs() {
+        wrong if wrong > WRONG_RATIO => StatedBoard::WrongRatio(ratio),
+        doubtful if doubtful > DOUBTFUL_RATIO && board != *stated => StatedBoard::DoubtfulRatio(ratio),
+        _ => StatedBoard::Kept,
+    }
+}
+
+fn rounded(value: f64, steps: f64) -> f64 {
+    (value * steps).round() / steps
+}
+
+/// Returns a board with other tags, in the lengths of the stated one.
+fn of_other(other: SquareBoard, stated: &SquareBoard, windows: usize) -> StatedBoard {
+    let Some(board) = in_lengths_of(&other, stated) else { return StatedBoard::Kept };
+    if is_variant(&board, stated) {
+        return StatedBoard::Variant(board);
+    }
+    StatedBoard::Other(OtherReading::Board { fitting: windows, windows, board: Board::Squares(board) })
+}
+
+/// Returns `true` if both boards have the same rows, columns, lengths and family of tags.
+fn is_variant(board: &SquareBoard, stated: &SquareBoard) -> bool {
+    match (board, stated) {
+        (SquareBoard::Tags(a), SquareBoard::Tags(b)) => {
+            let TagGrid { dictionary, border, first_id, order, turn, .. } = *a;
+            dictionary.family == b.dictionary.family && *a == TagGrid { dictionary, border, first_id, order, turn, ..*b }
+        }
+        (SquareBoard::Charuco(a), SquareBoard::Charuco(b)) => *a == Charuco { layout: a.layout, ..*b },
+        _ => false,
+    }
+}
+
+/// Makes a picture of each of the [`WINDOWS`], and passes its pictures to `each` until it returns `Break`.
+fn visit(
+    recording: &Recording,
+    sensor: Sensor,
+    mut each: impl FnMut(Vec<Picture>) -> ControlFlow<()>,
+) -> Result<(), RecordingError> {
+    let options = ReconstructionOptions { interval: (WINDOW / 2) as u32, ..ReconstructionOptions::new(sensor) };
+    let mut reconstruction = Reconstruction::new(options);
+    let mut windows = WINDOWS.iter().copied().peekable();
+    let mut take = |reconstruction: &mut Reconstruction, first: &mut Option<Moment>| {
+        reconstruction.finish(|moment| _ = first.get_or_insert(moment));
+        first.take().map_or(ControlFlow::Continue(()), |moment| each(moment.pictures))
+    };
+    let mut first: Option<Moment> = None;
+    let mut flow = ControlFlow::Continue(());
+    read_while(recording, &mut |batch| {
+        let mut events = batch.events;
+        while let Some(window) = windows.peek() {
+            let (start, end) = (window * WINDOW, (window + 1) * WINDOW);
+            let place = |events: &[Event], t: i64| events.iter().position(|event| event.t >= t).unwrap_or(events.len());
+            let (_, later) = events.split_at(place(events, start));
+            let (inside, after) = later.split_at(place(later, end));
+            reconstruction.push(inside, |moment| _ = first.get_or_insert(moment));
+            if after.is_empty() {
+                return ControlFlow::Continue(());
+            }
+            flow = take(&mut reconstruction, &mut first);
+            if flow.is_break() {
+                return flow;
+            }
+            events = after;
+            windows.next();
+        }
+        ControlFlow::Break(())
+    })?;
+    if flow.is_continue() {
+        let _ = take(&mut reconstruction, &mut first);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn board(text: &str) -> SquareBoard {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn a_wrong_ratio_is_distinguished_from_an_inaccurate_one() {
+        let of = |stated: &str, measured: f64| match of_ratio(&board(stated), measured) {
+            StatedBoard::Kept => "kept".to_owned(),
+            StatedBoard::DoubtfulRatio(ratio) => format!("doubtful: {}", ratio.board),
+            StatedBoard::WrongRatio(ratio) => format!("wrong: {}", ratio.board),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(of("aprilgrid:6x6:35.2mm:0.3", 0.304), "kept");
+        assert_eq!(of("aprilgrid:6x6:35.2mm:0.29", 0.301), "doubtful: aprilgrid:6x6:35.2mm:0.3");
+        assert_eq!(of("aprilgrid:6x6:35.2mm:0.33", 0.299), "wrong: aprilgrid:6x6:35.2mm:0.3");
+        assert_eq!(of("aprilgrid:6x6:35.2mm:0.01056", 0.303), "wrong: aprilgrid:6x6:35.2mm:0.3");
+        assert_eq!(of("apriltags:3x4:48mm:0.3", 0.251), "wrong: apriltags:3x4:48mm:0.25");
+        assert_eq!(of("charuco:5x7:40mm:28mm:DICT_5X5_100", 0.751), "wrong: charuco:5x7:40mm:30mm:DICT_5X5_100");
+        assert_eq!(of("charuco:5x7:40mm:30mm:DICT_5X5_100", 0.747), "kept");
+    }
+
+    #[test]
+    fn only_boards_of_the_same_size_and_family_are_variants() {
+        let stated = board("aprilgrid:6x6:35.2mm:0.3");
+        for (text, is) in [
+            ("aprilgrid:6x6:35.2mm:0.3:turned180", true),
+            ("aprilgrid:6x6:35.2mm:0.3:first48:border1:down", true),
+            ("aprilgrid:6x7:35.2mm:0.3", false),
+            ("aprilgrid:6x6:35.2mm:0.25", false),
+            ("apriltags:6x6:35.2mm:0.3", false),
+            ("aprilgrid:6x6:35.2mm:0.3:36h10", false),
+        ] {
+            assert_eq!(is_variant(&board(text), &stated), is, "{text}");
+        }
+        let stated = board("charuco:6x5:40mm:30mm:DICT_4X4_100");
+        assert!(is_variant(&board("charuco:6x5:40mm:30mm:DICT_4X4_100:legacy"), &stated));
+        assert!(!is_variant(&board("charuco:5x6:40mm:30mm:DICT_4X4_100"), &stated));
+    }
+}
