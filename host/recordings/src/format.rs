@@ -10,7 +10,6 @@ use super::encode::OutputFormat;
 use super::extras::ReadExtras;
 use super::options::FormatOption;
 use super::pictures::TimedImage;
-use super::ros;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::RecordingOptions;
 use crate::reader::Decode;
@@ -118,12 +117,6 @@ impl FileFormat {
             output: None,
             uses,
         }
-    }
-
-    /// `true` for recordings of ROS messages, whose drivers choose the units of IMU samples.
-    pub fn has_messages(&self) -> bool {
-        let formats = [&ros::BAG_FORMAT, &ros::DB3_FORMAT, &ros::FOLDER_FORMAT, &ros::MCAP_FORMAT];
-        formats.iter().any(|format| format.name == self.name)
     }
 }
 

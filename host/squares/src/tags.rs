@@ -321,7 +321,7 @@ impl TagFinder {
     }
 
     /// Returns the width of the border for which the inner modules correlate best.
-    fn best_border(&self, picture: &Picture, found: &[FoundTag]) -> usize {
+    pub(crate) fn best_border(&self, picture: &Picture, found: &[FoundTag]) -> usize {
         let inner = self.side - 2 * self.border;
         let score = |border: usize| -> f32 {
             let score = |tag: &FoundTag| {

@@ -11,6 +11,7 @@ use crate::inertial::stream::{ReadSamples, Span};
 use crate::inertial::units::MessageUnits;
 use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
 use crate::solve::fixed_intrinsics::FixedIntrinsics;
+use event_recordings::{Recording, ros};
 
 /// Request for the calibration of an IMU, with prior knowledge.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -73,6 +74,12 @@ pub fn check_length(inputs: &[Input], request: &InertialRequest) -> Result<(), I
     }
 }
 
+/// Returns `true` for recordings of ROS messages, whose drivers choose the units of IMU samples.
+fn has_messages(recording: &Recording) -> bool {
+    let formats = [&ros::BAG_FORMAT, &ros::DB3_FORMAT, &ros::FOLDER_FORMAT, &ros::MCAP_FORMAT];
+    formats.iter().any(|format| format.name == recording.format().name)
+}
+
 fn recorded_samples(
     inputs: &[Input],
     starts: &[f64],
@@ -97,7 +104,7 @@ fn recorded_samples(
             Input::Images(_) | Input::Circles { .. } => ReadSamples::default(),
         };
         if let (Some(units), Input::Events(file)) = (&request.units, input) {
-            if !file.format().has_messages() {
+            if !has_messages(file) {
                 return Err(InertialError::UnitsOfFormat { file: input.name() });
             }
             units.correct(&mut samples);

@@ -15,7 +15,7 @@ use nalgebra::Vector2;
 use super::grid::{DIAGONAL, FEWEST_PAIRS, NEIGHBOURS, Pair, TOLERANCE, board_of, pairs_of};
 use super::{BORDERS, FAMILIES, FEWEST_MOMENTS, FEWEST_TAGS, Prepared, SeenTag, tags_in, tags_of};
 use crate::picture::Picture;
-use crate::tags::TagFinder;
+use crate::tags::{FoundTag, TagFinder};
 
 /// Number of moments in which a pair of tags must contradict the stated board; a single one may be a misread tag.
 const FEWEST_SIGHTINGS: usize = 2;
@@ -70,10 +70,12 @@ impl StatedTags {
     /// Searches the pictures of the next moment.
     pub fn add(&mut self, pictures: &[Picture]) {
         let prepared: Vec<Prepared> = pictures.iter().map(Prepared::new).collect();
-        // The other width is searched only where the stated one shows no tags.
-        for ((_, finder), sightings) in self.finders.iter().zip(&mut self.sightings) {
+        // The other width is searched only if the pictures do not show tags of the stated one.
+        for ((border, finder), sightings) in self.finders.iter().zip(&mut self.sightings) {
             let tags = tags_in(finder, &prepared);
-            if tags.len() >= FEWEST_TAGS {
+            let found: Vec<FoundTag> = tags.iter().map(|tag| tag.found).collect();
+            let seen = prepared.first().map(|picture| finder.best_border(picture.smooth.picture(), &found));
+            if tags.len() >= FEWEST_TAGS && seen == Some(usize::from(*border)) {
                 sightings.push(tags);
                 break;
             }

@@ -87,9 +87,12 @@ pub fn sized_image(wire: Wire, t: i64, size: [u32; 2], encoding: &str, step: u32
 }
 
 pub fn imu(wire: Wire, t: i64) -> Vec<u8> {
+    imu_of(wire, t, [0.0, 1.0, -2.0], [9.80665, 0.0, -9.80665])
+}
+
+pub fn imu_of(wire: Wire, t: i64, angular_velocity: [f64; 3], acceleration: [f64; 3]) -> Vec<u8> {
     let mut message = Message::new(wire, t);
-    let numbers =
-        [[0.0_f64; 13].as_slice(), &[0.0, 1.0, -2.0], &[0.0; 9], &[9.80665, 0.0, -9.80665], &[0.0; 9]].concat();
+    let numbers = [[0.0_f64; 13].as_slice(), &angular_velocity, &[0.0; 9], &acceleration, &[0.0; 9]].concat();
     numbers.iter().for_each(|number| {
         message.number(number.to_le_bytes());
     });
