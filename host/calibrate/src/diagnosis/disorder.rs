@@ -9,7 +9,8 @@ const MANY: f64 = 0.05;
 /// Backward steps shorter than this (µs) shift no edge by as much as a pixel.
 const LONG: i64 = 1000;
 
-/// Events that are earlier than a previous one. A reader gives them the time of the previous one.
+/// Events that are earlier than a previous one and came too late to be sorted. A reader gives them the time of the
+/// previous one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disorder {
     /// Their share of all events.

@@ -314,6 +314,17 @@ fn the_name_of_the_times_gives_their_unit() {
     }
 }
 
+/// eventify stores the events of each frame by pixel.
+#[test]
+fn events_out_of_order_are_sorted() {
+    let all = events(500);
+    let mut given = all.clone();
+    given.chunks_mut(50).for_each(<[Event]>::reverse);
+    let outcome = testing::read(&groups(&[("events", &four("t_us", 1, &given, &[500]))]));
+    assert_eq!((outcome.error, outcome.report.sorted, outcome.report.steps_back), (None, 490, 0));
+    assert!(outcome.events == all);
+}
+
 #[test]
 fn columns_of_different_lengths_are_named() {
     let all = events(50);

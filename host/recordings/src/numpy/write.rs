@@ -1,6 +1,6 @@
 //! Writer of npz files: the arrays `t` (µs), `x`, `y`, `p`, and `width` and `height` of the sensor.
 //!
-//! An array begins with its length, so each array is kept in a temporary file until the recording ends.
+//! These are the types of eventcv, which accepts no others. An array begins with its length, so each array is kept in a temporary file until the recording ends.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -51,7 +51,7 @@ impl Column {
 impl Encoder {
     fn new(file: File, sensor: Sensor) -> io::Result<Self> {
         let columns =
-            [("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "|i1")].map(|(name, descr)| Column::new(name, descr));
+            [("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "|u1")].map(|(name, descr)| Column::new(name, descr));
         let [t, x, y, p] = columns;
         Ok(Self { file, sensor, columns: [t?, x?, y?, p?], count: 0 })
     }
@@ -111,7 +111,7 @@ impl Encode for Encoder {
             write_array(&mut archive, column.name, &head(column.descr, &format!("({},)", self.count)), file)?;
         }
         for (name, side) in [("width", self.sensor.width), ("height", self.sensor.height)] {
-            write_array(&mut archive, name, &head("<u2", "()"), side.to_le_bytes().as_slice())?;
+            write_array(&mut archive, name, &head("<u8", "()"), u64::from(side).to_le_bytes().as_slice())?;
         }
         let mut file = archive.finish().map_err(io::Error::other)?;
         Ok(file.flush()?)
