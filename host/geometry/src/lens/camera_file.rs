@@ -5,6 +5,8 @@ mod parameters;
 mod tree;
 pub mod yaml;
 
+use std::fs::File;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use evcal_core::camera::{Camera, ModelKind};
@@ -35,6 +37,9 @@ pub struct CameraFile {
 
 /// Layout version that is written, and the latest that can be read.
 pub const LATEST_VERSION: u32 = 1;
+
+/// Largest size of a camera file in bytes. mrcal writes all its observations into its files: megabytes.
+const LARGEST: u64 = 64 << 20;
 
 /// Example of a camera file, shown in errors.
 pub const CAMERA_FORM: &str = r#"{"sensor": {"width": 346, "height": 260}, "camera": {"model": "radtan4", "parameters": {"fx": 250.1, "fy": 250.3, "cx": 172.5, "cy": 129.8, "k1": -0.35, "k2": 0.12, "p1": 0.0, "p2": 0.0}}}"#;
@@ -74,7 +79,7 @@ pub enum CameraFileError {
         error: serde_json::Error,
     },
     /// The text is not a camera file of a supported program.
-    #[error("{file} is not a camera file: {error}; write one as {}", CAMERA_FORM)]
+    #[error("{}", not_usable(file, error))]
     Yaml {
         /// The file.
         file: String,
@@ -110,6 +115,16 @@ pub enum CameraFileError {
         /// Latest version that can be read.
         known: u32,
     },
+}
+
+fn not_usable(file: &str, error: &yaml::YamlError) -> String {
+    use yaml::YamlError::{NoCamera, NoJson, NoXml, NoYaml};
+    match error {
+        NoCamera | NoJson(_) | NoXml(_) | NoYaml(_) => {
+            format!("{file} is not a camera file: {error}; write one as {CAMERA_FORM}")
+        }
+        _ => format!("{file} is a camera file that evcal cannot use: {error}"),
+    }
 }
 
 /// Reason why a description is not a valid camera.
@@ -192,7 +207,7 @@ struct FlatCamera {
 }
 
 fn flat(path: &Path) -> Option<CameraFile> {
-    let Flat { camera } = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
+    let Flat { camera } = serde_json::from_str(&text_of(path).ok()?).ok()?;
     let FlatCamera { model, width, height, fx, fy, cx, cy, dist } = camera;
     let model = if model == "kb4" { ModelKind::KannalaBrandt.name().to_owned() } else { model };
     let parameters = dist.and_before([("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy)]);
@@ -228,7 +243,7 @@ pub fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 
 fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
     let file = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
+    let text = text_of(path).map_err(|error| CameraFileError::Read { file: file.clone(), error })?;
     // A converted camera becomes text again too, because each other kind of input would add a copy of the parser to the
     // program.
     let json = match of_other_program(&text) {
@@ -245,6 +260,17 @@ fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
         Ok(SizeOnly { sensor }) => check_size(path, sensor).map(|()| parsed),
         Err(_) => Ok(parsed),
     }
+}
+
+/// Reads a file of up to [`LARGEST`] bytes.
+fn text_of(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    File::open(path)?.take(LARGEST + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > LARGEST {
+        let mebibytes = LARGEST >> 20;
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, format!("it has more than {mebibytes} MiB")));
+    }
+    Ok(text)
 }
 
 /// The sensor of a camera file.
@@ -269,15 +295,16 @@ struct Own {
 
 /// Reads the camera of a text that is not in evcal's own form.
 fn of_other_program(text: &str) -> Option<Result<CameraFile, yaml::YamlError>> {
-    match text.trim_start().chars().next() {
-        Some('<') => Some(yaml::parse_xml(text)),
-        Some('{') => match serde_json::from_str::<Own>(text) {
+    let mut first = text.chars().filter(|character| !character.is_whitespace());
+    match (first.next(), first.next()) {
+        (Some('<'), _) => Some(yaml::parse_xml(text)),
+        (Some('{'), Some('"' | '}') | None) => match serde_json::from_str::<Own>(text) {
             Ok(Own { camera: Some(_) }) => None,
             // JSON of an unknown form is parsed as evcal's own, so that the error describes that form.
             Ok(_) => Some(yaml::parse_json(text)).filter(|camera| *camera != Err(yaml::YamlError::NoCamera)),
-            // mrcal's dictionaries are not JSON.
             Err(_) => Some(yaml::parse(text)).filter(Result::is_ok),
         },
+        // mrcal's dictionaries also begin with a brace, and are not JSON.
         _ => Some(yaml::parse(text)),
     }
 }
