@@ -135,6 +135,12 @@ def basalt(path, points):
     x, y, z = np.array(points).T
     across = np.hypot(x, y)
     kind = camera["camera_type"]
+    if kind == "pinhole-radtan8":
+        # basalt uses the model within the radius rpmax at depth 1; 0 is no limit.
+        assert ((across / z < p["rpmax"]) | (p["rpmax"] == 0)).all()
+        matrix = np.array([[p["fx"], 0, p["cx"]], [0, p["fy"], p["cy"]], [0, 0, 1]])
+        distortion = np.array([p[name] for name in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")])
+        return with_opencv("radtan", points, matrix, distortion)
     if kind == "kb4":
         scale = equidistant(np.arctan2(across, z), [p["k1"], p["k2"], p["k3"], p["k4"]]) / across
         u, v = x * scale, y * scale
@@ -171,6 +177,123 @@ def mrcal(path, points):
     return mrcal.project(np.array(points), *model.intrinsics())
 
 
+def colmap(path, points):
+    """Loads cameras.txt as a part of a reconstruction without images. The centre of the first pixel is (0.5, 0.5)."""
+    import shutil
+    import tempfile
+
+    import pycolmap
+
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copy(path, folder + "/cameras.txt")
+        for name in ("images.txt", "points3D.txt"):
+            open(f"{folder}/{name}", "w").close()
+        (camera,) = pycolmap.Reconstruction(folder).cameras.values()
+    assert (camera.width, camera.height) == (346, 260)
+    return camera.img_from_cam(np.array(points)) - 0.5
+
+
+def nerfstudio(path, points):
+    """Projects as nerfstudio's camera_utils does; its pixels have their corner at 0."""
+    with open(path) as file:
+        camera = json.load(file)
+    assert (camera["w"], camera["h"]) == (346, 260)
+    x, y, z = np.array(points).T
+    x, y = x / z, y / z
+    if camera["camera_model"] == "OPENCV_FISHEYE":
+        radius = np.hypot(x, y)
+        scale = equidistant(np.arctan(radius), [camera[f"k{n}"] for n in (1, 2, 3, 4)]) / radius
+        u, v = x * scale, y * scale
+    else:
+        assert camera["camera_model"] == "OPENCV"
+        square = x * x + y * y
+        d = 1 + square * (camera["k1"] + square * (camera["k2"] + square * (camera["k3"] + square * camera["k4"])))
+        p1, p2 = camera["p1"], camera["p2"]
+        u = d * x + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+        v = d * y + 2 * p2 * x * y + p1 * (square + 2 * y * y)
+    return np.stack([camera["fl_x"] * u + camera["cx"], camera["fl_y"] * v + camera["cy"]], axis=1) - 0.5
+
+
+def storage_of(path):
+    import cv2
+
+    storage = cv2.FileStorage(path, cv2.FILE_STORAGE_READ)
+    assert storage.isOpened()
+
+    def number(node, name):
+        node = node.getNode(name)
+        assert node.isReal() or node.isInt(), name
+        return node.real()
+
+    return storage, number
+
+
+def vins_fusion(path, points):
+    """Reads the keys of camodocal's Parameters::readFromYamlFile and projects as its cameras do."""
+    storage, number = storage_of(path)
+    assert (number(storage, "image_width"), number(storage, "image_height")) == (346, 260)
+    assert storage.getNode("camera_name").string() == "DAVIS346_00000001"
+    kind = storage.getNode("model_type").string()
+    projection = storage.getNode("projection_parameters")
+    x, y, z = np.array(points).T
+    length = np.sqrt(x * x + y * y + z * z)
+    if kind == "KANNALA_BRANDT":
+        fu, fv, cu, cv = (number(projection, name) for name in ("mu", "mv", "u0", "v0"))
+        radius = equidistant(np.arccos(z / length), [number(projection, f"k{n}") for n in (2, 3, 4, 5)])
+        direction = np.arctan2(y, x)
+        u, v = radius * np.cos(direction), radius * np.sin(direction)
+        return np.stack([fu * u + cu, fv * v + cv], axis=1)
+    if kind == "MEI":
+        fu, fv, cu, cv = (number(projection, name) for name in ("gamma1", "gamma2", "u0", "v0"))
+        depth = z + number(storage.getNode("mirror_parameters"), "xi") * length
+    else:
+        assert kind == "PINHOLE"
+        fu, fv, cu, cv = (number(projection, name) for name in ("fx", "fy", "cx", "cy"))
+        depth = z
+    k1, k2, p1, p2 = (number(storage.getNode("distortion_parameters"), name) for name in ("k1", "k2", "p1", "p2"))
+    flat = np.stack([x / depth, y / depth, np.ones_like(x)], axis=1)
+    return with_opencv("radtan", flat, np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]]), np.array([k1, k2, p1, p2]))
+
+
+def orb_slam3(path, points):
+    """Reads the keys that Settings requires, with their types, and projects as it does."""
+    storage, number = storage_of(path)
+    assert storage.getNode("File.version").string() == "1.0"
+    for name in ("Camera.width", "Camera.height", "Camera.fps", "Camera.RGB"):
+        assert storage.getNode(name).isInt(), name
+    assert (number(storage, "Camera.width"), number(storage, "Camera.height")) == (346, 260)
+    fx, fy, cx, cy = (number(storage, f"Camera1.{name}") for name in ("fx", "fy", "cx", "cy"))
+    kind = storage.getNode("Camera.type").string()
+    names = {"PinHole": ("k1", "k2", "p1", "p2"), "KannalaBrandt8": ("k1", "k2", "k3", "k4")}[kind]
+    if kind == "PinHole" and not storage.getNode("Camera1.k3").empty():
+        names += ("k3",)
+    distortion = np.array([number(storage, f"Camera1.{name}") for name in names])
+    model = "radtan" if kind == "PinHole" else "fisheye"
+    return with_opencv(model, points, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), distortion)
+
+
+def svo(path, points):
+    """Reads the keys that vikit's NCamera requires."""
+    import yaml
+
+    with open(path) as file:
+        root = yaml.safe_load(file)
+    assert root["label"] == "DAVIS346_00000001"
+    (entry,) = root["cameras"]
+    camera = entry["camera"]
+
+    def matrix(node, rows, columns):
+        assert (node["rows"], node["cols"]) == (rows, columns) and len(node["data"]) == rows * columns
+        return np.array(node["data"]).reshape(rows, columns)
+
+    assert (matrix(entry["T_B_C"], 4, 4) == np.eye(4)).all()
+    assert camera["type"] == "pinhole" and (camera["image_width"], camera["image_height"]) == (346, 260)
+    fx, fy, cx, cy = matrix(camera["intrinsics"], 4, 1)[:, 0]
+    distortion = matrix(camera["distortion"]["parameters"], 4, 1)[:, 0]
+    model = {"radial-tangential": "radtan", "equidistant": "fisheye"}[camera["distortion"]["type"]]
+    return with_opencv(model, points, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), distortion)
+
+
 READERS = {
     "opencv-yaml": opencv,
     "opencv-xml": opencv,
@@ -181,6 +304,11 @@ READERS = {
     "dv-xml": dv_processing,
     "dv-processing": dv_processing,
     "mrcal": mrcal,
+    "colmap": colmap,
+    "nerfstudio": nerfstudio,
+    "vins-fusion": vins_fusion,
+    "orb-slam3": orb_slam3,
+    "svo": svo,
 }
 
 

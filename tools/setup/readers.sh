@@ -1,6 +1,6 @@
 #!/bin/sh
 # Installs on Debian the programs that tests read evcal's files with: mrcal and renderers of PDF and SVG from
-# Debian, OpenCV, PyYAML, dv-processing, rosbags, mcap and faery from PyPI in an environment of their own below the target folder.
+# Debian, OpenCV, pycolmap, PyYAML, dv-processing, rosbags, mcap and faery from PyPI in an environment of their own below the target folder.
 set -eu
 cd "$(dirname "$0")/../.."
 

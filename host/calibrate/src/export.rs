@@ -4,7 +4,8 @@
 //! [`FORMATS`]. A calibration of another model is replaced by the nearest camera that the format supports
 //! ([`evcal_geometry::lens::nearest`]), and the file states the difference: no coefficient is ever dropped.
 //!
-//! In all formats pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal.
+//! In most formats pixel (0, 0) is the centre of the top-left pixel, as in OpenCV, ROS, Kalibr and mrcal; in others it is
+//! (0.5, 0.5) ([`ExportFormat::first_pixel`]).
 
 pub mod basalt;
 pub mod content;
@@ -12,6 +13,7 @@ pub mod csv;
 pub mod dv_processing;
 pub mod dv_xml;
 pub mod file_storage;
+pub mod fill;
 pub mod inertial;
 pub mod kalibr;
 pub mod mrcal;
@@ -20,6 +22,7 @@ pub mod opencv;
 pub mod ros;
 pub mod second_camera;
 pub mod static_transform;
+pub mod templates;
 pub mod undistortion_table;
 
 use std::path::Path;
@@ -41,6 +44,11 @@ pub const FORMATS: &[ExportFormat] = &[
     dv_xml::FORMAT,
     dv_processing::FORMAT,
     mrcal::FORMAT,
+    templates::COLMAP,
+    templates::NERFSTUDIO,
+    templates::VINS_FUSION,
+    templates::ORB_SLAM3,
+    templates::SVO,
     csv::FORMAT,
 ];
 
@@ -69,6 +77,12 @@ pub fn read_rig_files(camera: &CalibratedCamera, path: &Path) -> Result<Vec<(Str
         Some(_) => rig_files(camera, &camera_file::parse(path)?).map_err(|error| camera_file::wrong(path, error)),
         None => Ok(Vec::new()),
     }
+}
+
+/// Returns `true` if a file of this name in a folder may be an export to all formats.
+pub fn is_file(name: &Path) -> bool {
+    FORMATS.iter().map(|format| format.file).chain(inertial::names()).any(|file| Path::new(file) == name)
+        || name.to_str().is_some_and(second_camera::is_file)
 }
 
 /// Returns the format with this name.
@@ -113,15 +127,23 @@ mod tests {
         }
     }
 
-    /// Exported files are read back, except for the table: the camera that is read equals the written one to the last
-    /// digit.
+    /// Exported files are read back, except for those that evcal does not read: the camera that is read equals the written
+    /// one to the last digit.
     #[test]
     fn exported_files_are_read_back() {
         let sensor = Sensor::new(346, 260);
         let parameters = [330.4, 331.1, 171.3, 129.4, -0.1, 0.01, 1e-3, -2e-4, 0.0, 0.0, 0.0, 0.0];
         let opencv: Camera<f64> = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
         let folder = tempfile::tempdir().unwrap();
-        for format in FORMATS.iter().filter(|format| format.name != csv::FORMAT.name) {
+        let are_not_read = [
+            &templates::COLMAP,
+            &templates::NERFSTUDIO,
+            &templates::VINS_FUSION,
+            &templates::ORB_SLAM3,
+            &templates::SVO,
+        ];
+        let not_read = are_not_read.into_iter().chain([&csv::FORMAT]).map(|format| format.name).collect::<Vec<_>>();
+        for format in FORMATS.iter().filter(|format| !not_read.contains(&format.name)) {
             for &kind in format.models {
                 let camera = evcal_core::camera::refit::refit(kind, &opencv, sensor).unwrap();
                 let name = "DAVIS346_7".to_owned();

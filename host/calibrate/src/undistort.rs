@@ -12,6 +12,29 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
+/// Largest number of pixels of all maps that exist at once: 268 MB.
+const MOST_PIXELS: u64 = 1 << 24;
+
+/// The calibrated sensor is larger than undistortion supports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the calibration is for {sensor} pixels, but at most {most} can be undistorted: is this the true size of the sensor?",
+    most = MOST_PIXELS / maps
+)]
+pub struct TooLarge {
+    sensor: Sensor,
+    maps: u64,
+}
+
+/// Checks that this number of maps of `sensor` fits into the memory.
+///
+/// # Errors
+/// [`TooLarge`].
+pub fn check_size(sensor: Sensor, maps: u64) -> Result<(), TooLarge> {
+    let pixels = u64::from(sensor.width) * u64::from(sensor.height);
+    if pixels * maps > MOST_PIXELS { Err(TooLarge { sensor, maps }) } else { Ok(()) }
+}
+
 /// Maps each pixel of a camera to its position in another one.
 #[derive(Clone, Debug)]
 pub struct PixelMap {

@@ -52,15 +52,15 @@ impl Blocked {
     }
 }
 
-/// An error with the path of a file.
+/// An error that may contain the path of a file.
 pub trait NamesFile: From<FileError> {
-    /// Path of the file.
-    fn file_mut(&mut self) -> &mut PathBuf;
+    /// Path of the file, if the error is about one.
+    fn file_mut(&mut self) -> Option<&mut PathBuf>;
 }
 
 impl NamesFile for FileError {
-    fn file_mut(&mut self) -> &mut PathBuf {
-        &mut self.path
+    fn file_mut(&mut self) -> Option<&mut PathBuf> {
+        Some(&mut self.path)
     }
 }
 
@@ -201,24 +201,13 @@ impl OutputFolder {
             unfinished::end(folder, || ());
         }
     }
-
-    /// Removes all results. `is_result` receives the path of a file in the folder.
-    ///
-    /// # Errors
-    /// [`FileError`] names the file that cannot be removed.
-    pub fn remove_results(&self, is_result: impl Fn(&Path) -> bool) -> Result<(), FileError> {
-        for file in files(&self.path).into_iter().filter(|file| is_result(file)) {
-            let file = self.path.join(file);
-            fs::remove_file(&file).map_err(|error| FileError::new(&file, error))?;
-        }
-        Ok(())
-    }
 }
 
 /// Replaces the temporary path of a file in an error by its final path.
 fn final_path<E: NamesFile>(mut error: E, from: &Path, folder: &Path) -> E {
-    let file = error.file_mut();
-    if let Ok(rest) = file.strip_prefix(from) {
+    if let Some(file) = error.file_mut()
+        && let Ok(rest) = file.strip_prefix(from)
+    {
         *file = folder.join(rest);
     }
     error
@@ -315,7 +304,7 @@ mod tests {
         let existing = OutputFolder::open_new(folder.path(), is_result).unwrap_err().to_string();
         assert!(existing.contains("a.json is there already"), "{existing}");
         let open = OutputFolder::open(folder.path()).unwrap();
-        open.remove_results(is_result).unwrap();
+        open.replace(is_result, |_| Ok::<_, FileError>(())).unwrap();
         assert_eq!(files(folder.path()), [PathBuf::from("mine.txt")]);
     }
 

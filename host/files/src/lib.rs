@@ -7,6 +7,7 @@ mod exchange;
 pub mod folder;
 pub mod output;
 mod paths;
+mod set;
 pub mod shell_word;
 #[cfg(target_os = "linux")]
 mod swap;
@@ -22,6 +23,7 @@ use tempfile::{NamedTempFile, TempDir, TempPath};
 
 use self::paths::UNFINISHED;
 pub use self::paths::is_stream;
+pub use self::set::write_all;
 use self::unfinished::{Begun, Listed};
 
 /// Size of the write buffer in bytes.
@@ -154,31 +156,7 @@ impl NewFile {
     /// [`FileError`] if not everything could be written, or another program created a file of this name in the
     /// meantime.
     pub fn finish(self) -> Result<(), FileError> {
-        let failed = |error| FileError::new(&self.path, error);
-        match self.content {
-            Content::Temporary(file) => {
-                let file = file.into_inner().map_err(|error| failed(error.into_error()))?;
-                file.as_file().sync_all().map_err(failed)?;
-                let path = file.path().to_owned();
-                let name = |file: NamedTempFile| match self.is_new {
-                    true => file.persist_noclobber(&self.path).or_else(|error| match error.error.kind() {
-                        io::ErrorKind::AlreadyExists => Err(error),
-                        // Some file systems do not support this.
-                        _ => error.file.persist(&self.path),
-                    }),
-                    false => file.persist(&self.path),
-                };
-                unfinished::end(&path, || name(file)).map_err(|error| match error.error.kind() {
-                    io::ErrorKind::AlreadyExists => failed(io::Error::new(
-                        io::ErrorKind::AlreadyExists,
-                        "another program created it in the meantime, so it was not replaced; choose another name",
-                    )),
-                    _ => failed(error.error),
-                })?;
-            }
-            Content::InPlace(mut file) => file.flush().map_err(failed)?,
-        }
-        Ok(())
+        set::finish_all(vec![self])
     }
 }
 

@@ -40,8 +40,15 @@ pub(super) fn begin<T, E>(begun: Begun, make: impl FnOnce() -> Result<(T, PathBu
 
 /// Removes `path` from the list and calls `finish`, without interruption by [`remove_all`].
 pub(super) fn end<T>(path: &Path, finish: impl FnOnce() -> T) -> T {
+    end_all([path], finish)
+}
+
+/// Removes `paths` from the list and calls `finish`, without interruption by [`remove_all`].
+pub(super) fn end_all<'a, T>(paths: impl IntoIterator<Item = &'a Path>, finish: impl FnOnce() -> T) -> T {
     let mut list = list();
-    list.remove(&name(path));
+    for path in paths {
+        list.remove(&name(path));
+    }
     finish()
 }
 

@@ -82,11 +82,11 @@ pub enum SimulatedFolderError {
 }
 
 impl NamesFile for SimulatedFolderError {
-    fn file_mut(&mut self) -> &mut PathBuf {
-        match self {
+    fn file_mut(&mut self) -> Option<&mut PathBuf> {
+        Some(match self {
             Self::File(error) => &mut error.path,
             Self::Recording { path, .. } => path,
-        }
+        })
     }
 }
 

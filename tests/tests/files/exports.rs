@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 /// Format, its reader, and the precision of the reader (px).
-const READERS: [(&str, &str, f64); 9] = [
+const READERS: [(&str, &str, f64); 14] = [
     ("opencv-yaml", "OpenCV", 1e-6),
     ("opencv-xml", "OpenCV", 1e-6),
     ("opencv-json", "OpenCV", 1e-6),
@@ -24,6 +24,11 @@ const READERS: [(&str, &str, f64); 9] = [
     ("dv-xml", "dv-processing", 2e-4),
     ("dv-processing", "dv-processing", 2e-4),
     ("mrcal", "mrcal", 1e-6),
+    ("colmap", "pycolmap", 1e-9),
+    ("nerfstudio", "JSON, nerfstudio's projection", 1e-9),
+    ("vins-fusion", "OpenCV, camodocal's rules", 1e-9),
+    ("orb-slam3", "OpenCV, ORB-SLAM3's rules", 1e-9),
+    ("svo", "PyYAML, vikit's rules", 1e-9),
 ];
 
 /// Region in which the board was seen: the sensor without its corners.
@@ -117,6 +122,11 @@ fn file_name(format: &str) -> &str {
         "dv-xml" => "dv.xml",
         "dv-processing" => "dv-processing.json",
         "mrcal" => "camera.cameramodel",
+        "colmap" => "cameras.txt",
+        "nerfstudio" => "transforms.json",
+        "vins-fusion" => "vins-camera.yaml",
+        "orb-slam3" => "orb-slam3.yaml",
+        "svo" => "svo-camera.yaml",
         other => panic!("{other}"),
     }
 }

@@ -2,6 +2,7 @@
 
 mod board;
 mod calibration_file;
+mod camera_files;
 mod camera_models;
 mod camera_yaml;
 mod circles;

@@ -3,7 +3,7 @@
 use evcal_core::camera::{Camera, ModelKind};
 
 use crate::result::calibrated_camera::{CalibratedCamera, UNNAMED};
-use evcal_geometry::lens::nearest::{Replacement, nearest};
+use evcal_geometry::lens::nearest::{Replacement, nearest, share_behind};
 
 /// A file format for cameras.
 pub struct ExportFormat {
@@ -19,6 +19,10 @@ pub struct ExportFormat {
     pub substitutes: &'static [ModelKind],
     /// Writes the file.
     pub write: fn(&Content) -> String,
+    /// Both coordinates of the centre of the top-left pixel.
+    pub first_pixel: f64,
+    /// `true` if the program computes nothing for points behind the camera, whatever the model.
+    pub front_only: bool,
 }
 
 /// Content of a file.
@@ -33,15 +37,18 @@ pub struct Content<'a> {
     pub model: ModelKind,
     /// Error of the replacement, if the model was replaced.
     pub refit: Option<&'a Replacement>,
-    /// The error of the replacement in a sentence.
+    /// The error of the replacement, and what the program cannot use, in a sentence.
     pub note: Option<&'a str>,
+    /// [`ExportFormat::first_pixel`].
+    pub first_pixel: f64,
 }
 
 impl Content<'_> {
     /// Returns sentences for comments: origin of the file, position of pixel (0, 0), camera and date of the recording, verdict,
     /// and error of the replacement.
     pub fn remarks(&self) -> Vec<String> {
-        let from = format!("written by evcal {}; pixel (0, 0) is the centre of the top-left pixel", crate::VERSION);
+        let (version, first) = (crate::VERSION, self.first_pixel);
+        let from = format!("written by evcal {version}; pixel ({first}, {first}) is the centre of the top-left pixel");
         // Some readers accept ASCII only.
         let verdict = self.calibrated.verdict.replace('±', "+-");
         let verdict = Some(verdict).filter(|verdict| !verdict.is_empty());
@@ -69,7 +76,7 @@ pub struct Exported {
     pub camera: Camera<f64>,
     /// Error of the replacement, if the format does not support the calibrated model.
     pub refit: Option<Replacement>,
-    /// The error of the replacement in a sentence.
+    /// The error of the replacement, and what the program cannot use, in a sentence.
     pub note: Option<String>,
 }
 
@@ -92,10 +99,18 @@ impl ExportFormat {
         let CalibratedCamera { camera, sensor, covered, .. } = calibrated;
         let near = nearest(camera, self.models, self.substitutes, *sensor, covered).ok_or_else(cannot)?;
         let parameters = near.camera.parameters();
-        let (matrix, distortion) = parameters.split_first_chunk::<4>().ok_or_else(cannot)?;
+        let (&[fx, fy, cx, cy], distortion) = parameters.split_first_chunk::<4>().ok_or_else(cannot)?;
         let (model, refit) = (near.camera.kind(), near.refit.as_ref());
-        let note = refit.map(|refit| refit.sentence(self.program, self.models));
-        let content = Content { calibrated, matrix: *matrix, distortion, model, refit, note: note.as_deref() };
+        let behind = if self.front_only { share_behind(&near.camera, *sensor) } else { 0.0 };
+        let behind = (behind > 0.0).then(|| {
+            let (program, percent) = (self.program, 100.0 * behind);
+            format!("{program} sees nothing beyond 90 degrees from the axis: {percent:.1} % of the sensor")
+        });
+        let sentences = refit.map(|refit| refit.sentence(self.program, self.models)).into_iter().chain(behind);
+        let note = Some(sentences.collect::<Vec<_>>().join("; ")).filter(|note| !note.is_empty());
+        let first_pixel = self.first_pixel;
+        let matrix = [fx, fy, cx + first_pixel, cy + first_pixel];
+        let content = Content { calibrated, matrix, distortion, model, refit, note: note.as_deref(), first_pixel };
         Ok(Exported { text: (self.write)(&content), camera: near.camera, refit: near.refit, note })
     }
 }

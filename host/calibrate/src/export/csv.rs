@@ -17,6 +17,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     models: ModelKind::ALL,
     substitutes: &[],
     write,
+    first_pixel: 0.0,
+    front_only: false,
 };
 
 fn write(content: &Content) -> String {

@@ -16,6 +16,8 @@ pub const FORMAT: ExportFormat = ExportFormat {
     models: &[ModelKind::Radtan, ModelKind::KannalaBrandt],
     substitutes: &[ModelKind::Radtan, ModelKind::KannalaBrandt],
     write: |content| file_storage::xml(&content.remarks(), &entries(content)),
+    first_pixel: 0.0,
+    front_only: false,
 };
 
 fn entries(content: &Content) -> Vec<Entry> {

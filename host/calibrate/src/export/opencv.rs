@@ -24,6 +24,8 @@ pub const YAML: ExportFormat = ExportFormat {
     models: MODELS,
     substitutes: SUBSTITUTES,
     write: |content| file_storage::yaml(&content.remarks(), &entries(content)),
+    first_pixel: 0.0,
+    front_only: false,
 };
 
 /// XML.
@@ -34,6 +36,8 @@ pub const XML: ExportFormat = ExportFormat {
     models: MODELS,
     substitutes: SUBSTITUTES,
     write: |content| file_storage::xml(&content.remarks(), &entries(content)),
+    first_pixel: 0.0,
+    front_only: false,
 };
 
 /// JSON.
@@ -44,6 +48,8 @@ pub const JSON: ExportFormat = ExportFormat {
     models: MODELS,
     substitutes: SUBSTITUTES,
     write: |content| file_storage::json(&content.remarks(), &entries(content)),
+    first_pixel: 0.0,
+    front_only: false,
 };
 
 fn entries(content: &Content) -> Vec<Entry> {

@@ -3,13 +3,10 @@
 //! `plumb_bob` is k1 k2 p1 p2 k3, `rational_polynomial` k1 k2 p1 p2 k3 k4 k5 k6, `equidistant` k1 k2 k3 k4. The
 //! camera is monocular: no rectifying rotation, and rectified images keep the camera matrix.
 
-use std::fmt::Write as _;
-
 use evcal_core::camera::ModelKind;
 
 use super::content::{Content, ExportFormat};
-use super::number::{decimals, quoted};
-use evcal_core::sensor::Sensor;
+use super::fill::fill;
 
 /// `camera_info.yaml`.
 pub const FORMAT: ExportFormat = ExportFormat {
@@ -19,39 +16,40 @@ pub const FORMAT: ExportFormat = ExportFormat {
     models: &[ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt],
     substitutes: &[ModelKind::Radtan, ModelKind::KannalaBrandt],
     write,
+    first_pixel: 0.0,
+    front_only: false,
 };
 
 fn write(content: &Content) -> String {
-    let Sensor { width, height } = content.calibrated.sensor;
-    let model = match content.model {
-        ModelKind::KannalaBrandt => "equidistant",
-        ModelKind::Radtan8 => "rational_polynomial",
-        _ => "plumb_bob",
+    let (model, count) = match content.model {
+        ModelKind::KannalaBrandt => ("equidistant", 4),
+        ModelKind::Radtan8 => ("rational_polynomial", 8),
+        _ => ("plumb_bob", 5),
     };
-    let [fx, fy, cx, cy] = content.matrix;
-    let mut text = String::new();
-    for remark in content.remarks() {
-        let _ = writeln!(text, "# {remark}");
-    }
-    let _ = write!(
-        text,
-        "image_width: {width}\nimage_height: {height}\ncamera_name: {}\n",
-        quoted(&content.calibrated.name)
+    // Lists are on one line, because some readers of this format do not support wrapped lists.
+    let text = format!(
+        "$remarks
+image_width: $width
+image_height: $height
+camera_name: $name
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [$fx, 0.0, $cx, 0.0, $fy, $cy, 0.0, 0.0, 1.0]
+distortion_model: {model}
+distortion_coefficients:
+  rows: 1
+  cols: {count}
+  data: [$distortion]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [$fx, 0.0, $cx, 0.0, 0.0, $fy, $cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+"
     );
-    matrix(&mut text, "camera_matrix", 3, &content.camera_matrix());
-    let _ = writeln!(text, "distortion_model: {model}");
-    matrix(&mut text, "distortion_coefficients", 1, content.distortion);
-    matrix(&mut text, "rectification_matrix", 3, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
-    matrix(&mut text, "projection_matrix", 3, &[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
-    text
-}
-
-fn matrix(text: &mut String, name: &str, rows: usize, values: &[f64]) {
-    let _ = writeln!(
-        text,
-        "{name}:\n  rows: {rows}\n  cols: {}\n  data: [{}]",
-        values.len() / rows,
-        // On one line, because some readers of this format do not support wrapped lists.
-        decimals(values)
-    );
+    fill(&text, content)
 }

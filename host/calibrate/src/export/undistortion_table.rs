@@ -9,6 +9,9 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use evcal_core::undistortion::{IdealCamera, TableError, UndistortionTable};
 
+/// Largest number of pixels of a sensor.
+const MOST_PIXELS: u32 = 1 << 24;
+
 /// Node spacings that are tried, in pixels, coarsest first.
 const SPACINGS: [u16; 7] = [64, 32, 16, 8, 4, 2, 1];
 
@@ -35,6 +38,11 @@ pub enum ExportTableError {
     /// Sensor or table is too small.
     #[error("no undistortion table: {0}")]
     Table(#[from] TableError),
+    /// The sensor is too large: its table is compared with the lens at every pixel.
+    #[error(
+        "no undistortion table: the calibration is for {0} pixels, but tables are for sensors of up to {MOST_PIXELS}"
+    )]
+    TooLarge(Sensor),
     /// Even one node per pixel is not accurate enough.
     #[error(
         "an error of {wanted} px cannot be reached; a node at every pixel gives {reached} px, the precision of 32-bit numbers"
@@ -86,7 +94,9 @@ pub fn table(
     sensor: Sensor,
     size: [u16; 2],
 ) -> Result<ExportedTable, ExportTableError> {
-    let sensor = Sensor { width: sensor.width, height: sensor.height };
+    if u32::from(sensor.width) * u32::from(sensor.height) > MOST_PIXELS {
+        return Err(ExportTableError::TooLarge(sensor));
+    }
     let room = vec![[f32::NAN; 2]; usize::from(size[0]) * usize::from(size[1])];
     let table = UndistortionTable::new(camera, ideal, sensor, size, room)?;
     let accuracy = table.accuracy(camera, ideal);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::PixelMap;
 use evcal_files::FileError;
+use evcal_files::folder::NamesFile;
 use event_recordings::extras::Frame;
 use event_recordings::image_file::{self, ImageFile, ImageFileError, Samples};
 
@@ -38,6 +39,15 @@ pub enum PictureError {
         /// Size of the calibrated sensor.
         sensor: Sensor,
     },
+}
+
+impl NamesFile for PictureError {
+    fn file_mut(&mut self) -> Option<&mut PathBuf> {
+        match self {
+            Self::Write(error) => error.file_mut(),
+            _ => None,
+        }
+    }
 }
 
 /// Extensions of pictures.

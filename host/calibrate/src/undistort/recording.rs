@@ -8,11 +8,12 @@ use evcal_core::camera::Camera;
 use evcal_core::event::Event;
 use serde::Serialize;
 
-use super::PixelMap;
 use super::picture::{PictureError, undistort_frame, write_frame};
 use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
+use super::{PixelMap, TooLarge, check_size};
 use crate::circles::file::{EventsError, open_events};
 use evcal_files::FileError;
+use evcal_files::folder::NamesFile;
 use evcal_geometry::lens::camera_file::{CameraDescription, CameraFile};
 use event_recordings::convert::{
     Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
@@ -114,13 +115,39 @@ pub enum UndistortError {
         /// The sensor of the calibration.
         calibrated: Sensor,
     },
+    /// The sensor of the calibration is too large.
+    #[error("{0}")]
+    TooLarge(#[from] TooLarge),
     /// A file or the folder of the frames cannot be written.
     #[error("{0}")]
     File(#[from] FileError),
 }
 
+impl NamesFile for UndistortError {
+    fn file_mut(&mut self) -> Option<&mut PathBuf> {
+        match self {
+            Self::File(error) => error.file_mut(),
+            Self::Picture(error) => error.file_mut(),
+            _ => None,
+        }
+    }
+}
+
+/// Checks that `recording` is of a `calibrated` sensor. To be called before maps of the sensor are made, because they may be
+/// large.
+///
+/// # Errors
+/// [`UndistortError`] if the sensor is another one or too large, or the recording cannot be read.
+pub fn check_recording(recording: &Recording, calibrated: Sensor) -> Result<(), UndistortError> {
+    compare_sensors(recording, &recording.open()?, calibrated)?;
+    Ok(check_size(calibrated, 2)?)
+}
+
 fn check_sensor(recording: &Recording, reader: &EventReader, maps: &Maps) -> Result<(), UndistortError> {
-    let calibrated = maps.forth.sensor();
+    compare_sensors(recording, reader, maps.forth.sensor())
+}
+
+fn compare_sensors(recording: &Recording, reader: &EventReader, calibrated: Sensor) -> Result<(), UndistortError> {
     match reader.information().sensor {
         Some(found) if found != calibrated => {
             Err(UndistortError::Sensor { file: recording.path().display().to_string(), found, calibrated })

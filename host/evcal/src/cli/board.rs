@@ -55,12 +55,11 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let sheet = board_sheet(&board, &page)?;
     let written: Vec<&Path> = arguments.pdf.iter().chain(&arguments.svg).map(PathBuf::as_path).collect();
     arguments.results.check(written.iter().copied(), &[])?;
-    if let Some(path) = &arguments.pdf {
-        evcal_files::write(path, &pdf(&sheet))?;
-    }
-    if let Some(path) = &arguments.svg {
-        evcal_files::write(path, svg(&sheet).as_bytes())?;
-    }
+    let pdf = arguments.pdf.as_deref().map(|path| (path, pdf(&sheet)));
+    let svg = arguments.svg.as_deref().map(|path| (path, svg(&sheet).into_bytes()));
+    let files: Vec<(&Path, &[u8])> =
+        pdf.iter().chain(&svg).map(|(path, content)| (*path, content.as_slice())).collect();
+    evcal_files::write_all(&files)?;
     let [width, height] = sheet.size;
     if arguments.json {
         return print::json(&serde_json::json!({

@@ -169,25 +169,32 @@ fn write_formats(
         let folder = arguments.output.as_deref();
         let folder = folder.ok_or_else(|| UsageError("--format all takes a folder: add -o DIR".to_owned()))?;
         let folder = OutputFolder::open(folder)?;
+        let mut files = Vec::new();
         for format in FORMATS {
             match format.export(calibrated) {
-                Ok(exported) => {
-                    let path = folder.path().join(format.file);
-                    write_file(arguments, &path, &exported, written)?;
-                    refit_report(format.name, exported.refit);
+                Ok(Exported { text, note, refit, .. }) => {
+                    files.push((format.file.to_owned(), text, note));
+                    refit_report(format.name, refit);
                 }
                 Err(error) => print::aside(format!("not written: {error}")),
             }
         }
-        for (name, text) in others {
-            let exported = Exported { text: text.clone(), camera: calibrated.camera, refit: None, note: None };
-            write_file(arguments, &folder.path().join(name), &exported, written)?;
+        files.extend(others.iter().map(|(name, text)| (name.clone(), text.clone(), None)));
+        // All files of an earlier export are replaced, also those that this camera does not have.
+        folder.replace(export::is_file, |new| {
+            files.iter().try_for_each(|(name, text, _)| evcal_files::write(&new.join(name), text.as_bytes()))
+        })?;
+        for (name, _, note) in files {
+            announce(arguments, &folder.path().join(name), note.as_deref(), written)?;
         }
         return Ok(refits);
     };
     let exported = format.export(calibrated)?;
     match arguments.output.as_deref() {
-        Some(path) => write_file(arguments, path, &exported, written)?,
+        Some(path) => {
+            evcal_files::write(path, exported.text.as_bytes())?;
+            announce(arguments, path, exported.note.as_deref(), written)?;
+        }
         None if arguments.json => {
             return Err(UsageError("--json needs a file for the format: add -o FILE".to_owned()).into());
         }
@@ -202,13 +209,13 @@ fn write_formats(
     Ok(refits)
 }
 
-fn write_file(arguments: &Arguments, path: &Path, exported: &Exported, written: &mut Vec<PathBuf>) -> super::Outcome {
-    evcal_files::write(path, exported.text.as_bytes())?;
+/// Reports a file that was written.
+fn announce(arguments: &Arguments, path: &Path, note: Option<&str>, written: &mut Vec<PathBuf>) -> super::Outcome {
     written.push(path.to_owned());
     if arguments.json {
         return Ok(());
     }
-    let note = exported.note.as_ref().map(|note| format!(": {note}")).unwrap_or_default();
+    let note = note.map(|note| format!(": {note}")).unwrap_or_default();
     print::line(format!("written to {}{note}", visible::path(path)))
 }
 
@@ -230,14 +237,12 @@ fn write_tables(
         (&options.rust_table, ExportedTable::rust_module as Writer),
         (&options.c_header, ExportedTable::c_header as Writer),
     ];
-    for (path, text) in outputs {
-        if let Some(path) = path {
-            evcal_files::write(path, text(&exported).as_bytes())?;
-            written.push(path.clone());
-            if !arguments.json {
-                print::line(format!("written to {}", visible::path(path)))?;
-            }
-        }
+    let files: Vec<(&Path, String)> =
+        outputs.iter().filter_map(|(path, text)| Some((path.as_deref()?, text(&exported)))).collect();
+    let contents: Vec<(&Path, &[u8])> = files.iter().map(|(path, text)| (*path, text.as_bytes())).collect();
+    evcal_files::write_all(&contents)?;
+    for (path, _) in files {
+        announce(arguments, path, None, written)?;
     }
     let ([columns, rows], [x, y]) = (exported.table.size(), exported.at);
     for (name, value) in [

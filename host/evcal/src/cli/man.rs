@@ -1,6 +1,6 @@
 //! `evcal man`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::CommandFactory as _;
 use clap_mangen::Man;
@@ -22,15 +22,16 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let folder = OutputFolder::open(&arguments.folder)?;
     let mut command = super::Arguments::command();
     command.build();
-    let write = |name: String, command: clap::Command| {
+    let page = |name: String, command: clap::Command| -> std::io::Result<(PathBuf, Vec<u8>)> {
         let mut page = Vec::new();
         Man::new(command).render(&mut page)?;
-        let path = folder.path().join(format!("{name}.1"));
-        evcal_files::write(&path, &page)?;
-        print::line(format!("written to {}", visible::path(path)))
+        Ok((folder.path().join(format!("{name}.1")), page))
     };
-    for subcommand in command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help") {
-        write(format!("evcal-{}", subcommand.get_name()), subcommand.clone())?;
-    }
-    write("evcal".to_owned(), command.clone())
+    let subcommands = command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help");
+    let named = subcommands.map(|subcommand| (format!("evcal-{}", subcommand.get_name()), subcommand.clone()));
+    let named = named.chain([("evcal".to_owned(), command.clone())]);
+    let pages = named.map(|(name, command)| page(name, command)).collect::<Result<Vec<_>, _>>()?;
+    let files: Vec<(&Path, &[u8])> = pages.iter().map(|(path, page)| (path.as_path(), page.as_slice())).collect();
+    evcal_files::write_all(&files)?;
+    pages.iter().try_for_each(|(path, _)| print::line(format!("written to {}", visible::path(path))))
 }

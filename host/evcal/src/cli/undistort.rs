@@ -2,13 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use evcal_calibrate::undistort::picture::{is_picture, is_single, picture_outputs, undistort_pictures};
+use evcal_calibrate::undistort::picture::{PictureError, is_picture, is_single, picture_outputs, undistort_pictures};
 use evcal_calibrate::undistort::recording::{
-    FRAMES_CAMERA, Maps, UndistortionReport, WrittenFrames, contains_camera, is_frame_file, open_recording,
-    undistort_frames, undistort_recording, undistort_sub_pixel, undistorted_camera_path, write_camera,
+    FRAMES_CAMERA, Maps, UndistortError, UndistortionReport, WrittenFrames, check_recording, contains_camera,
+    is_frame_file, open_recording, undistort_frames, undistort_recording, undistort_sub_pixel, undistorted_camera_path,
+    write_camera,
 };
 use evcal_calibrate::undistort::sub_pixel::SubPixelFormat;
 use evcal_calibrate::undistort::target::{TargetProjection, target_camera};
+use evcal_calibrate::undistort::{PixelMap, check_size};
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
@@ -69,22 +71,29 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let (camera, sensor) = camera_file::read(&arguments.calibration)?;
     let new = target_camera(&camera, arguments.model, sensor, arguments.alpha)?;
-    let maps = Maps::new(&camera, &new, sensor);
     let pictures = arguments.inputs.iter().filter(|path| is_picture(path)).count();
     match (arguments.inputs.as_slice(), pictures) {
-        ([recording], 0) => undistort_one(arguments, recording, &maps, &new, sensor),
-        (inputs, count) if inputs.len() == count => undistort_several(arguments, &maps, &new, sensor),
+        ([recording], 0) => undistort_one(arguments, recording, &camera, &new, sensor),
+        (inputs, count) if inputs.len() == count => undistort_several(arguments, &camera, &new, sensor),
         _ => Err(UsageError("give one recording, or pictures only".to_owned()).into()),
     }
 }
 
-fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
+fn undistort_one(
+    arguments: &Arguments,
+    path: &Path,
+    camera: &Camera<f64>,
+    new: &Camera<f64>,
+    sensor: Sensor,
+) -> super::Outcome {
     if let Some(output) = &arguments.output {
         check_outputs(arguments, [output.as_path()], &undistorted_camera_path(output), new, sensor)?;
     }
     let folder = arguments.frames.as_deref();
     let folder = folder.map(|folder| arguments.results.open_folder(folder, is_frame_file, &[])).transpose()?;
     let recording = open_recording(path, arguments.source.options(), sensor)?;
+    check_recording(&recording, sensor)?;
+    let maps = &Maps::new(camera, new, sensor);
     let mut waiting = Waiting::new(arguments.json);
     let stage = format!("undistorting {}", short_name(path));
     waiting.stage(&stage, None);
@@ -104,10 +113,12 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     }
     let mut frames = None;
     if let Some(folder) = &folder {
-        folder.remove_results(is_frame_file)?;
-        let folder = folder.path();
-        frames = Some((folder, undistort_frames(&recording, folder, maps)?));
-        write_camera(&folder.join(FRAMES_CAMERA), new, sensor)?;
+        let written = folder.replace(is_frame_file, |folder| -> Result<_, UndistortError> {
+            let written = undistort_frames(&recording, folder, maps)?;
+            write_camera(&folder.join(FRAMES_CAMERA), new, sensor)?;
+            Ok(written)
+        })?;
+        frames = Some((folder.path(), written));
     }
     waiting.finish();
     if arguments.json {
@@ -141,7 +152,7 @@ fn undistort_one(arguments: &Arguments, path: &Path, maps: &Maps, new: &Camera<f
     }
 }
 
-fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
+fn undistort_several(arguments: &Arguments, camera: &Camera<f64>, new: &Camera<f64>, sensor: Sensor) -> super::Outcome {
     let for_recordings = arguments.subpixel || arguments.to.is_some() || arguments.frames.is_some();
     let Some(output) = arguments.output.as_ref().filter(|_| !for_recordings) else {
         return Err(
@@ -150,11 +161,22 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     };
     let written = picture_outputs(&arguments.inputs, output)?;
     let single = is_single(&arguments.inputs, output);
-    let camera = if single { undistorted_camera_path(output) } else { output.join(FRAMES_CAMERA) };
-    let _folder = if single { None } else { Some(OutputFolder::open(output)?) };
-    check_outputs(arguments, written.iter().map(PathBuf::as_path), &camera, new, sensor)?;
-    undistort_pictures(&arguments.inputs, &written, &maps.back)?;
-    write_camera(&camera, new, sensor)?;
+    let camera_file = if single { undistorted_camera_path(output) } else { output.join(FRAMES_CAMERA) };
+    let folder = if single { None } else { Some(OutputFolder::open(output)?) };
+    check_outputs(arguments, written.iter().map(PathBuf::as_path), &camera_file, new, sensor)?;
+    check_size(sensor, 1)?;
+    let back = PixelMap::new(new, camera, sensor);
+    let write = |pictures: &[PathBuf], camera_file: &Path| -> Result<(), PictureError> {
+        undistort_pictures(&arguments.inputs, pictures, &back)?;
+        Ok(write_camera(camera_file, new, sensor)?)
+    };
+    match &folder {
+        Some(folder) => folder.replace(
+            |_| false,
+            |folder| write(&picture_outputs(&arguments.inputs, folder)?, &folder.join(FRAMES_CAMERA)),
+        )?,
+        None => write(&written, &camera_file)?,
+    }
     if arguments.json {
         return print::json(&serde_json::json!({ "camera": CameraDescription::new(new), "written": written }));
     }
@@ -162,7 +184,7 @@ fn undistort_several(arguments: &Arguments, maps: &Maps, new: &Camera<f64>, sens
     for path in written {
         print::line(format!("written to {}", visible::path(path)))?;
     }
-    print::line(format!("the camera is in {}", visible::path(camera)))
+    print::line(format!("the camera is in {}", visible::path(camera_file)))
 }
 
 /// Refuses existing outputs, except for a camera file with the same camera.

@@ -1,6 +1,7 @@
 //! Tests that run the program as its users do.
 
 mod camera;
+mod camera_files;
 mod circle_stream;
 mod command;
 mod convert;

@@ -21,6 +21,9 @@ const SIGNALS: [&str; 6] = ["TERM", "INT", "HUP", "XFSZ", "ABRT", "KILL"];
 /// Signals that leave the program no time to clean up.
 const AT_ONCE: [&str; 2] = ["ABRT", "KILL"];
 
+/// Signals that leave the program time to give all files their names.
+const NOT_AT_ONCE: [&str; 4] = ["TERM", "INT", "HUP", "XFSZ"];
+
 /// Every file below a folder, with its content.
 type Content = BTreeMap<PathBuf, Vec<u8>>;
 
@@ -73,8 +76,9 @@ fn end_after(program: &mut Command, signal: &str, delay: Duration) -> ExitStatus
     child.wait().unwrap()
 }
 
-/// Lets `new` replace what `old` wrote into `folder`, and ends it at many moments. Results that belong `together` are exchanged as one.
-fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool) {
+/// Lets `new` replace what `old` wrote into `folder`, and ends it at many moments. After a signal of `together`, all results are
+/// old or all are new.
+fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: &[&str]) {
     fs::create_dir(folder).unwrap();
     succeed(old);
     let before = content(folder);
@@ -97,7 +101,7 @@ fn end_at_every_moment(folder: &Path, old: &[&str], new: &[&str], together: bool
             let wrong: Vec<&PathBuf> = found.iter().filter(|file| !is_whole(*file)).map(|(path, _)| path).collect();
             assert!(wrong.is_empty(), "{context}: {wrong:?}");
             let visible = || found.iter().filter(|(path, _)| !is_hidden(path));
-            if together {
+            if together.contains(&signal) {
                 assert!(visible().eq(before.iter()) || visible().eq(after.iter()), "{context}: a mixture");
             } else {
                 let is_there = |path: &PathBuf| !before.contains_key(path) || found.contains_key(path);
@@ -130,7 +134,7 @@ fn an_interrupted_simulation_leaves_old_or_new_results() {
     let output = folder.join("simulation");
     let simulate = ["simulate", "-o", text(&output), "--duration", "100ms", "--force", "--seed"];
     let [old, new] = [["1", "--frames"], ["2", "--imu"]].map(|more| [&simulate[..], &more].concat());
-    end_at_every_moment(&folder, &old, &new, true);
+    end_at_every_moment(&folder, &old, &new, &SIGNALS);
 }
 
 #[test]
@@ -144,7 +148,7 @@ fn an_interrupted_calibration_leaves_old_or_new_results() {
     let calibrate = ["calibrate", text(&circles), "--board", BOARD, "-o", text(&output), "--force", "--accept-any"];
     let [old, new] = [["--model", "radtan4"], ["--model", "radtan"]]
         .map(|more| [&calibrate[..], &["--sensor", "346x260"], &more].concat());
-    end_at_every_moment(&folder, &old, &new, true);
+    end_at_every_moment(&folder, &old, &new, &SIGNALS);
 }
 
 #[test]
@@ -163,7 +167,7 @@ fn interrupted_conversions_and_undistortions_leave_old_or_new_results() {
     let output = folder.join("events.h5");
     let undistort = ["undistort", text(&events), "-c", text(&source), "-o", text(&output), "--force", "--alpha"];
     let [old, new] = [["0"], ["1"]].map(|more| [&undistort[..], &more].concat());
-    end_at_every_moment(&folder, &old, &new, false);
+    end_at_every_moment(&folder, &old, &new, &[]);
 }
 
 #[test]
@@ -174,13 +178,28 @@ fn interrupted_exports_and_boards_leave_old_or_new_results() {
     let output = folder.join("all");
     let export = ["export", text(&source), "--format", "all", "-o", text(&output), "--force", "--camera-name"];
     let [old, new] = [["left"], ["right"]].map(|more| [&export[..], &more].concat());
-    end_at_every_moment(&folder, &old, &new, false);
+    end_at_every_moment(&folder, &old, &new, &SIGNALS);
 
     let folder = directory.path().join("board");
     let [pdf, svg] = ["board.pdf", "board.svg"].map(|name| folder.join(name));
     let board = ["board", "--pdf", text(&pdf), "--svg", text(&svg), "--force", "--paper"];
     let [old, new] = [["a4"], ["a3"]].map(|more| [&board[..], &more].concat());
-    end_at_every_moment(&folder, &old, &new, false);
+    end_at_every_moment(&folder, &old, &new, &NOT_AT_ONCE);
+}
+
+/// The pictures and their camera belong together: two cameras in one folder would be taken for one.
+#[test]
+fn interrupted_pictures_leave_those_of_one_camera() {
+    let directory = tempfile::tempdir().unwrap();
+    let source = directory.path().join("simulation");
+    let simulate = ["simulate", "-o", text(&source), "--duration", "300ms", "--frames", "--seed", "3"];
+    succeed(&simulate);
+    let events = source.join("events.aedat4");
+    let folder = directory.path().join("outer");
+    let output = folder.join("pictures");
+    let undistort = ["undistort", text(&events), "-c", text(&source), "--frames", text(&output), "--force", "--alpha"];
+    let [old, new] = [["0"], ["1"]].map(|more| [&undistort[..], &more].concat());
+    end_at_every_moment(&folder, &old, &new, &SIGNALS);
 }
 
 /// A recording has everything that the camera sent before the signal; only a signal that ends the program at once may cut the last transfer.

@@ -173,6 +173,13 @@ fn targets(reference: &Camera<f64>, sensor: Sensor) -> Vec<TargetRow> {
     rows.par_iter().map(of_row).collect()
 }
 
+/// Returns the fraction of the sensor's pixels that see points behind the camera, 0 to 1.
+pub fn share_behind(camera: &Camera<f64>, sensor: Sensor) -> f64 {
+    let targets = targets(camera, sensor);
+    let bearings = || targets.iter().flatten().map(|(_, bearing)| bearing);
+    bearings().filter(|bearing| bearing.z <= 0.0).count() as f64 / bearings().count().max(1) as f64
+}
+
 /// Returns the distance of `other` from the camera of `targets`, within `covered` and on the whole sensor; `None` if
 /// the cameras share no pixel in one of these areas.
 fn distances(targets: &[TargetRow], other: &Camera<f64>, covered: &CoveredRegion) -> Option<(Distance, Distance)> {
