@@ -2,6 +2,7 @@
 //! seconds.
 
 mod advice;
+pub mod silent;
 pub mod units;
 
 use std::collections::BTreeSet;
@@ -29,6 +30,7 @@ use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern, NoPatternCaus
 use crate::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
 use crate::diagnosis::information::{Information, gather_events};
 use crate::diagnosis::rounded::Rounded;
+use crate::diagnosis::silent_lines::SilentLines;
 use evcal_geometry::board::{Board, layout_name};
 use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
@@ -68,6 +70,8 @@ pub struct Checked {
     pub repeated: Option<Repetition>,
     /// Pixels without events, as in undistorted recordings.
     pub rounded: Option<Rounded>,
+    /// Columns, rows and areas without events.
+    pub silent: Option<SilentLines>,
     /// Detections of the board, or of circles; `None` if the sensor is not known or too large, or timestamps have another unit.
     pub seen: Option<Seen>,
     /// The most important next step. The program words it.
@@ -170,13 +174,13 @@ pub fn check(
     let outside = information.report.out_of_range;
     let counted_from_one =
         if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
-    let (mut repeated, mut rounded) = (None, None);
+    let (mut repeated, mut rounded, mut silent) = (None, None, None);
     let seen = match information.sensor.or(information.likely_sensor) {
         // With timestamps in another unit nothing can be found.
         _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (pixels, slots) = count_events(&searched, sensor)?;
-            (repeated, rounded) = (pixels.repeated, pixels.rounded);
+            (repeated, rounded, silent) = (pixels.repeated, pixels.rounded, pixels.silent);
             let searched = SearchedRecording { parts: &searched, beginning: &beginning };
             Some(match search_still_views(&read, sensor, board, settings, pictures)? {
                 // Few views are enough, because the camera may have been carried between them.
@@ -191,12 +195,21 @@ pub fn check(
     };
     if seen.as_ref().is_some_and(|seen| seen.is_at_rest) {
         // Squares that stay dark have no events.
-        rounded = None;
+        (rounded, silent) = (None, None);
     } else if seen.as_ref().is_some_and(|seen| seen.found == 0) {
         other = other_unit(&beginning, information.mean_rate);
     }
-    let mut checked =
-        Checked { information, whole, other_unit: other, counted_from_one, repeated, rounded, seen, next: "".into() };
+    let mut checked = Checked {
+        information,
+        whole,
+        other_unit: other,
+        counted_from_one,
+        repeated,
+        rounded,
+        silent,
+        seen,
+        next: "".into(),
+    };
     checked.next = next_step(&checked, recording);
     Ok(checked)
 }
@@ -287,7 +300,7 @@ fn search_for_board(
     let failure = match board {
         Some(board) if found.report.found == 0 => {
             let other = find_other_board(beginning, sensor, board, settings)?;
-            Some(BoardFailure::NoPattern(found.report.no_pattern(settings.window.max_interval, other)))
+            Some(BoardFailure::NoPattern(found.report.no_pattern(settings, other)))
         }
         Some(Board::Circles(board)) => match &found.content {
             FoundContent::Boards(_, frames) => other_radius(frames, board).map(BoardFailure::OtherRadius),
@@ -346,7 +359,7 @@ fn search_still_views(
     let centers: Vec<[f64; 2]> = circles.map(|circle| circle.center.into()).collect();
     let seen: f64 = frames.iter().map(|frame| frame.end - frame.start).sum();
     let failure = found.as_ref().filter(|found| found.frames.is_empty()).map(|_| {
-        let no_pattern = DetectionReport::default().no_pattern(settings.window.max_interval, None);
+        let no_pattern = DetectionReport::default().no_pattern(settings, None);
         BoardFailure::NoPattern(no_pattern.at_rest(count))
     });
     let seen = Seen {

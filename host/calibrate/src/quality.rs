@@ -3,10 +3,12 @@
 pub mod board_evidence;
 pub mod coverage;
 pub mod cross_check;
+pub mod drift;
 pub mod misfit;
 pub mod poses;
 pub mod residual_map;
 pub mod split_half;
+pub mod two_images;
 pub mod uncertainty;
 pub mod verdict;
 
@@ -19,10 +21,12 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureSource};
 use crate::quality::board_evidence::BoardEstimate;
 use crate::quality::coverage::{Coverage, coverage, coverage_of};
+use crate::quality::drift::Drift;
 use crate::quality::misfit::{Misfit, misfit, with_misfit};
 use crate::quality::residual_map::histogram::{ClassResiduals, class_residuals};
 use crate::quality::residual_map::{ResidualMap, residual_map};
 use crate::quality::split_half::{SplitHalf, split_half};
+use crate::quality::two_images::{TwoImages, two_images};
 use crate::quality::uncertainty::parts::ProjectionParts;
 use crate::quality::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 use crate::quality::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
@@ -56,6 +60,10 @@ pub struct EventQuality {
     pub bias_sigma: BiasSigma,
     /// Comparison of two halves that were calibrated separately; `None` if the recordings are too short.
     pub split_half: Option<SplitHalf>,
+    /// A change of the lens or the board within the recordings; `None` if there is none.
+    pub drift: Option<Drift>,
+    /// Two images in the stream of events; `None` if there is one.
+    pub two_images: Option<TwoImages>,
     /// The residuals over the sensor.
     pub residuals: ResidualMap,
     /// The residuals of each event class.
@@ -125,13 +133,20 @@ pub fn examine(
     saturated: &[LeftOut],
 ) -> Result<(Quality, EventQuality), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
-    let SolveUncertainty { intrinsics: uncertainty, parts, bias_sigma, poses, halves, .. } = certainty.uncertainty;
+    let SolveUncertainty { intrinsics: mut uncertainty, mut parts, bias_sigma, poses, halves, drift, .. } =
+        certainty.uncertainty;
     let in_the_image = |uncertainty: &Uncertainty| {
         projection_uncertainty(&state.camera, &uncertainty.covariance, problem.sensor).map_err(|_| SolveError::Singular)
     };
     let of_events = &refined.events;
     // Both halves have the same misfit, so their comparison does not include it.
     let split_half = halves.and_then(|halves| split_half(problem, state, &halves, of_events, &parts));
+    if let Some(drift) = &drift {
+        // The halves have the change in common, so their comparison does not include it either.
+        let distance = drift.covariance();
+        uncertainty.covariance += &distance;
+        parts.between_parts += distance;
+    }
     let ((classes, ranks), residuals) = rayon::join(
         || {
             let rank = |kind: EventKind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank);
@@ -153,6 +168,8 @@ pub fn examine(
         projection_parts,
         bias_sigma,
         split_half,
+        drift,
+        two_images: two_images(of_events, problem.sensor),
         residuals,
         classes,
         ranks,

@@ -128,13 +128,13 @@ fn detect_all(task: &Task, progress: &Progress) -> Result<Detected, CalibrateErr
         Some(damage) => Err(CalibrateError::Source(damage)),
         None => {
             check_units(task, &all.recordings)?;
+            check_area(task, &all.health)?;
             let other = other_board(task, all.sensor, progress)?;
             // If another board is recognised, coarse times are not the reason why the nominal board was not found.
             if other.is_none() {
                 check_times(task, &all.health)?;
             }
-            let max_interval = task.settings.detection.window.max_interval;
-            Err(CalibrateError::NoPattern(all.detection.no_pattern(max_interval, other)))
+            Err(CalibrateError::NoPattern(all.detection.no_pattern(&task.settings.detection, other)))
         }
     }
 }
@@ -194,12 +194,14 @@ impl Detected {
             });
         }
         self.unplaced.push(unplaced);
+        let coarse_times = steps.coarse(pass.first);
+        let may_flicker = !coarse_times.is_some_and(|times| times.looks_like_flicker());
         self.health.push(Health {
-            flicker: bins.flicker(),
+            flicker: bins.flicker().filter(|_| may_flicker),
             always_full: bins.is_even(),
             pixels: BadPixels::of_counts(&thinning.counts(), usize::from(sensor.width), thinning.repeated()),
             disorder: Disorder::met(&pass.report),
-            coarse_times: steps.coarse(pass.first),
+            coarse_times,
             edges: edge_width(&evenly_chosen(&windows)),
         });
         self.windows.extend(windows);
@@ -305,6 +307,19 @@ fn check_units(task: &Task, reports: &[RecordingReport]) -> Result<(), Calibrate
         }
     }
     Ok(())
+}
+
+/// Smallest silent share of the sensor that can be the reason why no board is found.
+const SILENT: f64 = 0.2;
+
+/// Returns an error if a large part of a sensor sends nothing.
+fn check_area(task: &Task, health: &[Health]) -> Result<(), CalibrateError> {
+    let events = task.inputs.iter().filter(|input| matches!(input, Input::Events(_)));
+    let silent = events.zip(health).find_map(|(input, health)| {
+        let silent = health.pixels.silent.clone().filter(|silent| silent.silent_area() >= SILENT)?;
+        Some((input.name(), silent))
+    });
+    silent.map_or(Ok(()), |(file, silent)| Err(CalibrateError::SilentArea { file, silent }))
 }
 
 /// Returns an error if the timestamps of a recording are too coarse.

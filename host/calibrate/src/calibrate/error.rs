@@ -1,10 +1,12 @@
 //! Errors of a calibration.
 
 use super::board_choice::LargerBoard;
+use crate::check::silent::IS_IT_BROKEN;
 use crate::check::units::OtherUnit;
 use crate::detection::exchanged::Exchanged;
 use crate::detection::radius::OtherRadius;
 use crate::detection::{LARGEST_SENSOR, NoPattern};
+use crate::diagnosis::silent_lines::SilentLines;
 use crate::diagnosis::time_steps::CoarseTimes;
 use crate::initial::InitialError;
 use crate::picture_calibration::alignment::Misalignment;
@@ -58,6 +60,14 @@ pub enum CalibrateError {
         file: String,
         /// Resolution of the timestamps.
         times: CoarseTimes,
+    },
+    /// No board is found, and a large area of the sensor is silent.
+    #[error("{file}: no board found, and {silent}: {}", IS_IT_BROKEN)]
+    SilentArea {
+        /// The file name.
+        file: String,
+        /// The area.
+        silent: SilentLines,
     },
     /// The circles are not as large as stated.
     #[error("{0}")]

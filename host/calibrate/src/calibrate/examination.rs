@@ -6,7 +6,7 @@ use super::Task;
 use super::board_solve::BoardSolve;
 use super::error::CalibrateError;
 use super::health::{self, Health};
-use super::{other_camera, unseen_rows, unstated_rows};
+use super::{changed, orientation, other_camera, unseen_rows, unstated_rows};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::larger_pattern::larger_pattern;
 use crate::detection::unplaced::UnplacedWindows;
@@ -56,7 +56,10 @@ pub(super) fn examine_calibration(
     let (quality, event_quality) =
         examine(&refined, certainty, task.board, saturated).map_err(CalibrateError::Solve)?;
     refined.events = Vec::new();
-    let (findings, cross_check) = findings(task, seen, &refined.state, cross_check);
+    let (mut findings, cross_check) = findings(task, seen, &refined.state, cross_check);
+    let good = task.settings.verdict.good;
+    findings.extend(event_quality.drift.as_ref().map(|drift| changed::finding_on(task.inputs, drift, good)));
+    findings.extend(event_quality.two_images.map(changed::finding_on_two_images));
     let camera = &refined.state.camera;
     let settings = &task.settings.verdict;
     let verdict = verdict(camera, &quality, Some(&event_quality), task.board, seen.sensor, findings, settings);
@@ -84,5 +87,6 @@ fn findings(
             .map(|(larger, board)| unstated_rows::finding_on(&larger, board, &state.camera, &state.trajectories)),
     );
     findings.extend(cross_check.as_ref().and_then(CrossCheckOutcome::finding));
+    findings.extend(orientation::finding_on(task.board, seen.sensor));
     (findings, cross_check)
 }

@@ -1,6 +1,6 @@
 //! Findings on light, lens and pixels for the verdict.
 
-use crate::advice::Advice;
+use crate::check::silent::silent_advice;
 use crate::detection::focus::EdgeWidth;
 use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
 use crate::diagnosis::disorder::Disorder;
@@ -28,8 +28,6 @@ pub(super) struct Health {
 const STRONG_FLICKER: f64 = 0.75;
 /// Hot pixels are reported if they send more than this share of the events.
 const MANY_HOT: f64 = 0.02;
-/// Number of columns that are named.
-const NAMED: usize = 8;
 
 /// Returns the findings on all recordings, each kind once: the worst case.
 pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
@@ -129,33 +127,21 @@ fn hot(pixels: &BadPixels) -> Option<Finding> {
     })
 }
 
+/// A silent area of at least this share of the sensor is a warning.
+const LARGE_AREA: f64 = 0.2;
+
 fn silent(lines: &SilentLines) -> Finding {
-    match lines {
-        SilentLines::SmallerSensor { smaller, stated } => Finding {
-            cause: Cause::OtherSensorSize,
-            severity: Severity::Failure,
-            reason: format!("all events lie on the first {smaller} of the stated {stated} pixels"),
-            advice: Advice::NameSensor(Some(*smaller)),
-        },
-        SilentLines::Scaled { columns, rows } => Finding {
-            cause: Cause::Scaled,
-            severity: Severity::Failure,
-            reason: format!(
-                "{columns} columns and {rows} rows between others send nothing: the coordinates of the events were scaled"
-            ),
-            advice: Rounded::ADVICE.into(),
-        },
-        SilentLines::Columns(columns) => {
-            let named: Vec<String> = columns.iter().take(NAMED).map(ToString::to_string).collect();
-            let more = if columns.len() > NAMED { " and more" } else { "" };
-            Finding {
-                cause: Cause::DeadColumns,
-                severity: Severity::Note,
-                reason: format!("{} columns of the sensor send nothing ({}{more})", columns.len(), named.join(", ")),
-                advice: "is a region of interest set, or the sensor broken?".into(),
-            }
-        }
-    }
+    let is_large = lines.silent_area() >= LARGE_AREA;
+    let (cause, severity) = match lines {
+        SilentLines::SmallerSensor { .. } => (Cause::OtherSensorSize, Severity::Failure),
+        SilentLines::Scaled { .. } => (Cause::Scaled, Severity::Failure),
+        SilentLines::CountedFromOne => (Cause::CountedFromOne, Severity::Failure),
+        SilentLines::Region { .. } | SilentLines::Corner { .. } if is_large => (Cause::SilentArea, Severity::Warning),
+        SilentLines::Region { .. } | SilentLines::Corner { .. } => (Cause::SilentArea, Severity::Note),
+        SilentLines::Lines { columns, .. } if columns.is_empty() => (Cause::DeadRows, Severity::Note),
+        SilentLines::Lines { .. } => (Cause::DeadColumns, Severity::Note),
+    };
+    Finding { cause, severity, reason: lines.to_string(), advice: silent_advice(lines) }
 }
 
 fn out_of_focus(edges: EdgeWidth) -> Option<Finding> {
@@ -189,8 +175,8 @@ mod tests {
         assert_eq!(causes(&[flickers(1.0)]), [(Cause::Flicker, Severity::Failure)]);
         let full = Health { always_full: true, ..calm.clone() };
         assert_eq!(causes(&[full]), [(Cause::Saturated, Severity::Failure)]);
-        let pixels =
-            BadPixels { hot: 5, hot_share: 0.3, silent: Some(SilentLines::Columns(vec![7])), ..BadPixels::default() };
+        let dead = SilentLines::Lines { columns: vec![7], rows: Vec::new() };
+        let pixels = BadPixels { hot: 5, hot_share: 0.3, silent: Some(dead.clone()), ..BadPixels::default() };
         let bad = Health { pixels, edges: Some(EdgeWidth { pixels: 4.0, radii: 0.3 }), ..calm };
         let found = causes(&[bad.clone(), bad]);
         assert_eq!(

@@ -8,7 +8,7 @@ use super::calibrated::{Calibrated, Evidence};
 use super::detected::common_sensor;
 use super::error::CalibrateError;
 use super::progress::Progress;
-use super::{PictureUse, Task};
+use super::{PictureUse, Task, orientation};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::pictures::search::{MadeOf, PictureSearch, PictureSearchReport};
@@ -251,7 +251,8 @@ pub(super) fn calibrate_seen(
         })?;
     progress.go_on()?;
     let quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
-    let verdict = verdict(&calibration.camera, &quality, None, task.board, sensor, Vec::new(), &task.settings.verdict);
+    let findings = Vec::from_iter(orientation::finding_on(task.board, sensor));
+    let verdict = verdict(&calibration.camera, &quality, None, task.board, sensor, findings, &task.settings.verdict);
     let evidence = Evidence::Pictures(Box::new(calibration));
     Ok(Calibrated { sensor, starts, recordings, model_choice, quality, verdict, evidence })
 }

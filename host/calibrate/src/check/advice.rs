@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::silent::silent_advice;
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
 use crate::detection::exchanged::Exchanged;
@@ -11,6 +12,7 @@ use crate::diagnosis::bad_pixels::Repetition;
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::information::Information;
 use crate::diagnosis::rounded::Rounded;
+use crate::diagnosis::silent_lines::SilentLines;
 use crate::diagnosis::time_steps::CoarseTimes;
 use event_recordings::Recording;
 
@@ -63,12 +65,33 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     if let Some(rounded) = checked.rounded {
         return Advice::Plain(format!("{rounded}: {}", Rounded::ADVICE));
     }
+    if let Some(silent) = &checked.silent
+        && is_grave(silent)
+    {
+        let advice = silent_advice(silent);
+        return match advice {
+            Advice::Plain(next) => Advice::Plain(format!("{silent}: {next}")),
+            others => others,
+        };
+    }
     if let Some(repeated) = checked.repeated {
         return Advice::Plain(format!("{repeated}: {}", Repetition::ADVICE));
     }
     match &checked.seen {
         None => "the sensor is larger than evcal supports".into(),
         Some(seen) => next_of_board(checked, seen, recording.path()),
+    }
+}
+
+/// Smallest share of the sensor without events that is the reason why the board is not found, or covers little of the image.
+const LARGE_AREA: f64 = 0.2;
+
+/// Returns `true` if silent lines make a calibration wrong or impossible.
+fn is_grave(silent: &SilentLines) -> bool {
+    match silent {
+        SilentLines::SmallerSensor { .. } | SilentLines::Scaled { .. } | SilentLines::CountedFromOne => true,
+        SilentLines::Region { .. } | SilentLines::Corner { .. } => silent.silent_area() >= LARGE_AREA,
+        SilentLines::Lines { .. } => false,
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use evcal_core::circle::Extraction;
 use evcal_core::event::Polarity;
 use serde::{Deserialize, Serialize};
 
@@ -97,11 +98,15 @@ pub enum NoBoard {
 }
 
 impl NoBoard {
-    /// Returns the advice if this is the reason in most windows; `max_interval` is the setting of the windows.
-    pub fn remedy(self, max_interval: u16) -> String {
+    /// Returns the advice if this is the reason in most windows; `max_interval` is the setting of the windows, `extraction` the
+    /// way in which circles were searched.
+    pub fn remedy(self, max_interval: u16, extraction: Extraction) -> String {
         match self {
             Self::TooFewEvents => {
                 format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")
+            }
+            Self::TooFewCircles if extraction == Extraction::Soft => {
+                "is the board in view, moving and in focus, and are its dots at least 3 px wide in the image? If so, move faster".to_owned()
             }
             Self::TooFewCircles => {
                 "is the board in view, moving and in focus? If so, move faster, or use the soft extraction".to_owned()

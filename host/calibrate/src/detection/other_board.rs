@@ -10,9 +10,10 @@ use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 
 use super::layout::{FEWEST_CIRCLES, RecognisedLayout, first_circles, recognise};
+use super::radius::other_radius;
 use super::recognised::{Recognised, find_board, find_squares, in_lengths_of, is_same};
 use super::settings::DetectionSettings;
-use crate::circles::reference_frame::UnorderedFrame;
+use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 use crate::detection::order_frames;
 use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 use evcal_squares::recognition::RecognisedBoard;
@@ -108,15 +109,25 @@ pub fn other_reading(all: &[UnorderedFrame], board: &CircleBoard, sensor: Sensor
     };
     let readings = [exchanged, Pattern { layout, ..pattern }, Pattern { layout, ..exchanged }].map(|pattern| {
         let (found, _) = order_frames(&frames, &pattern, Some(sensor));
-        (found.len(), pattern)
+        (found, pattern)
     });
-    let (fitting, pattern) = readings.into_iter().max_by_key(|(count, _)| *count)?;
+    let (found, pattern) = readings.into_iter().max_by_key(|(found, _)| found.len())?;
+    let fitting = found.len();
     if fitting > 0 && fitting as f64 >= FEWEST_FITS * frames.len() as f64 {
-        let board = CircleBoard { pattern, ..*board }.into();
+        let board = with_likely_lengths(&found, CircleBoard { pattern, ..*board }).into();
         return Some(OtherReading::Board { fitting, windows: frames.len(), board });
     }
     let RecognisedLayout { pattern, fitting, windows, .. } = recognise(all, sensor)?;
-    Some(OtherReading::Board { fitting, windows, board: CircleBoard { pattern, ..*board }.into() })
+    let (found, _) = order_frames(all, &pattern, Some(sensor));
+    let board = with_likely_lengths(&found, CircleBoard { pattern, ..*board }).into();
+    Some(OtherReading::Board { fitting, windows, board })
+}
+
+/// Returns `board`, or the board that is meant if its circles in `frames` have another radius: of the other layout, the spacing is the
+/// distance of other circles.
+fn with_likely_lengths(frames: &[ReferenceFrame], board: CircleBoard) -> CircleBoard {
+    let meant = other_radius(frames, &board).and_then(|other| other.meant.first().map(|(_, board)| *board));
+    meant.unwrap_or(board)
 }
 
 /// Returns half of a board's circles, rounded up.

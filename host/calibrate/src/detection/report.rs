@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use std::fmt;
 
-use evcal_core::circle::CircleCounts;
+use evcal_core::circle::{CircleCounts, Extraction};
 use evcal_core::event::{Event, Polarity};
 use serde::{Deserialize, Serialize};
 
 use super::no_board::{NoBoard, only_one_polarity};
 use super::other_board::OtherReading;
+use super::settings::DetectionSettings;
 use crate::detection::counted::counted;
 
 /// Reason why a pair of clusters is not a circle. The order of the variants is the order in `calibration.json`.
@@ -96,10 +97,11 @@ impl DetectionReport {
         }
     }
 
-    /// Returns the reason why no window contained the board, which is the most frequent one. `max_interval` is the
-    /// setting of the windows, `other` the board that the circles fit instead.
-    pub fn no_pattern(&self, max_interval: u16, other: Option<OtherReading>) -> NoPattern {
-        NoPattern { report: Box::new(self.clone()), max_interval, other, views: None }
+    /// Returns the reason why no window contained the board, which is the most frequent one. `settings` are the settings of
+    /// the search, `other` is the board that the circles fit instead.
+    pub fn no_pattern(&self, settings: &DetectionSettings, other: Option<OtherReading>) -> NoPattern {
+        let max_interval = settings.window.max_interval;
+        NoPattern { report: Box::new(self.clone()), max_interval, extraction: settings.extraction, other, views: None }
     }
 
     /// Returns the polarity of all events, if they have only one.
@@ -152,6 +154,7 @@ pub fn too_short(events: u64) -> String {
 pub struct NoPattern {
     report: Box<DetectionReport>,
     max_interval: u16,
+    extraction: Extraction,
     other: Option<OtherReading>,
     /// Number of views of a camera at rest, if it was at rest.
     views: Option<u64>,
@@ -178,6 +181,11 @@ impl NoPattern {
     /// Returns the statistics of the detection.
     pub fn report(&self) -> &DetectionReport {
         &self.report
+    }
+
+    /// Returns the extraction of circles in the search.
+    pub fn extraction(&self) -> Extraction {
+        self.extraction
     }
 
     /// Adds that the camera was at rest and something blinked: none of `views` views shows the board.
@@ -221,7 +229,7 @@ impl fmt::Display for NoPattern {
             NoPatternCause::TooShort => write!(f, ": {}: record 10 seconds", too_short(self.report.events)),
             NoPatternCause::OnePolarity(polarity) => write!(f, ": {}", only_one_polarity(polarity)),
             NoPatternCause::Windows(reason, count) => {
-                write!(f, ": {count} had {reason}: {}", reason.remedy(self.max_interval))
+                write!(f, ": {count} had {reason}: {}", reason.remedy(self.max_interval, self.extraction))
             }
             NoPatternCause::AtRest(_) | NoPatternCause::Nothing => Ok(()),
         }
@@ -232,23 +240,44 @@ impl fmt::Display for NoPattern {
 mod tests {
     use super::*;
 
+    fn settings() -> DetectionSettings {
+        let mut settings = DetectionSettings::default();
+        settings.window.max_interval = 100;
+        settings
+    }
+
+    /// The soft extraction must not be recommended to users who use it.
+    #[test]
+    fn the_advice_does_not_name_what_was_done_already() {
+        let report =
+            DetectionReport { grids_refused: BTreeMap::from([(NoBoard::TooFewCircles, 5)]), ..Default::default() };
+        let text = |extraction| report.no_pattern(&DetectionSettings { extraction, ..settings() }, None).to_string();
+        assert!(text(Extraction::Hard).contains("soft extraction"));
+        let soft = text(Extraction::Soft);
+        assert!(!soft.contains("soft extraction") && soft.contains("at least 3 px"), "{soft}");
+    }
+
     #[test]
     fn the_most_frequent_reason_is_named_with_advice() {
         let mut report = DetectionReport { windows: 9, too_few_events: 4, ..DetectionReport::default() };
         assert_eq!(
-            report.no_pattern(100, None).to_string(),
+            report.no_pattern(&settings(), None).to_string(),
             "no pattern found in 13 windows: 4 had too few events: move faster, or set a larger detection.window.max_interval (now 100)"
         );
         report.grids_refused = BTreeMap::from([(NoBoard::LargerThanBoard, 5), (NoBoard::NoLattice, 4)]);
-        let text = report.no_pattern(100, None).to_string();
+        let text = report.no_pattern(&settings(), None).to_string();
         assert!(text.contains("5 had circles beside the board: is the board described right"), "{text}");
         let board = "acircles:9x4:55mm:r17.5mm".parse().unwrap();
-        let text = report.no_pattern(100, Some(OtherReading::Board { fitting: 7, windows: 8, board })).to_string();
+        let text =
+            report.no_pattern(&settings(), Some(OtherReading::Board { fitting: 7, windows: 8, board })).to_string();
         assert_eq!(
             text,
             "no pattern found in 13 windows; 7 of 8 windows fit the board acircles:9x4:55mm:r17.5mm instead"
         );
-        assert_eq!(DetectionReport::default().no_pattern(1, None).to_string(), "no pattern found in 0 windows");
+        assert_eq!(
+            DetectionReport::default().no_pattern(&settings(), None).to_string(),
+            "no pattern found in 0 windows"
+        );
     }
 
     /// Recordings without OFF events must not be reported as out of focus, nor recordings of ten events as too slow.
@@ -260,7 +289,7 @@ mod tests {
             report.count_events(events);
             let mut sum = DetectionReport::default();
             sum.add(&report);
-            sum.no_pattern(100, None).to_string()
+            sum.no_pattern(&settings(), None).to_string()
         };
         for (polarity, name) in [(Polarity::On, "ON"), (Polarity::Off, "OFF")] {
             let text = message(&vec![event(polarity); 1000]);

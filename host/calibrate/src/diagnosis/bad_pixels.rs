@@ -142,7 +142,10 @@ mod tests {
         }
         assert_eq!(
             counter.finish(),
-            BadPixels { silent: Some(SilentLines::Columns(vec![4, 17])), ..BadPixels::default() }
+            BadPixels {
+                silent: Some(SilentLines::Lines { columns: vec![4, 17], rows: Vec::new() }),
+                ..BadPixels::default()
+            }
         );
         counter.push(&(0..27_000).map(|t| event(150 + t, 3, 3)).collect::<Vec<_>>());
         // Two thirds of 150 rounds of 18 columns and 15 rows, and the added events.

@@ -12,6 +12,7 @@ use serde::{Serialize, Serializer};
 pub use self::other_span::OtherSpan;
 use self::statistics::Statistics;
 use crate::diagnosis::flicker::Flicker;
+use crate::diagnosis::silent_lines::SilentLines;
 use crate::diagnosis::time_steps::CoarseTimes;
 use event_recordings::date::date;
 use event_recordings::likely_sensor::likely_sensor;
@@ -64,6 +65,11 @@ pub struct Information {
     pub hottest_pixels: Vec<HotPixel>,
     /// Columns without events, if most columns have many.
     pub dead_columns: Vec<u16>,
+    /// Rows without events, if most rows have many.
+    pub dead_rows: Vec<u16>,
+    /// Meaning of the columns and rows without events.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub silent: Option<SilentLines>,
     /// Everything in the file, by stream; empty for formats with one stream of events.
     pub streams: Vec<StreamSummary>,
     /// Streams whose time span differs from the events' time span.
@@ -157,6 +163,8 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
     let times_us = statistics.first.map(|first| (first, statistics.latest));
     let duration_s = times_us.map_or(0.0, |(first, last)| seconds(last - first));
     let (hot_pixel_count, hottest_pixels) = statistics.hot_pixels();
+    let coarse_times = statistics.steps.coarse(statistics.first.unwrap_or(0));
+    let may_flicker = !coarse_times.is_some_and(|times| times.looks_like_flicker());
     let likely_sensor = match known.sensor {
         None if statistics.events > 0 => likely_sensor(statistics.largest.0, statistics.largest.1),
         _ => None,
@@ -175,14 +183,16 @@ pub fn gather_events(recording: &Recording) -> Result<Information, RecordingErro
         mean_rate: if duration_s > 0.0 { statistics.events as f64 / duration_s } else { 0.0 },
         peak: statistics.peak(),
         saturation: statistics.saturation(),
-        flicker: statistics.bins.flicker(),
-        coarse_times: statistics.steps.coarse(statistics.first.unwrap_or(0)),
+        flicker: statistics.bins.flicker().filter(|_| may_flicker),
+        coarse_times,
         gap_count: statistics.gap_count,
         longest_gaps: statistics.gaps(),
         active_pixels: statistics.pixels.len() as u64,
         hot_pixel_count,
         hottest_pixels,
-        dead_columns: statistics.dead_columns(),
+        dead_columns: statistics.dead_lines(|x, _| x),
+        dead_rows: statistics.dead_lines(|_, y| y),
+        silent: known.sensor.or(likely_sensor).and_then(|sensor| statistics.silent(sensor)),
         streams: Vec::new(),
         other_spans: Vec::new(),
         report: reader.report().clone(),

@@ -39,6 +39,17 @@ pub enum CoarseTimes {
 }
 
 impl CoarseTimes {
+    /// Steps from which times cannot show flicker of 100 Hz, a quarter of its period (ms).
+    const HIDES_FLICKER: f64 = 2.5;
+
+    /// Returns `true` if the rate of events varies with the steps of the timestamps, as it does with flicker.
+    pub fn looks_like_flicker(&self) -> bool {
+        match self {
+            Self::Steps { step_ms, .. } => *step_ms >= Self::HIDES_FLICKER,
+            Self::Equal | Self::UnixSecondsOf32Bits => true,
+        }
+    }
+
     /// Remedy.
     pub const ADVICE: &str = "export times in whole microseconds, or as floating-point numbers of 64 bits";
 }
@@ -142,6 +153,8 @@ mod tests {
             assert!((step_ms - step as f64 * 1e-3).abs() < 1e-6, "{step_ms}");
         }
         assert_eq!(stepped(1), None);
+        // With steps of 10 ms, a lamp of 100 Hz was blamed.
+        assert!(stepped(10_000).unwrap().looks_like_flicker() && !stepped(1000).unwrap().looks_like_flicker());
         assert_eq!(coarse((0..500_000).map(|index| (index / 165 + index / 400) * 200)), None);
         // A camera that scans its pixels every 200 µs, sometimes without events; few events, and pauses; rows of 1000 pixels that
         // are read every 20 µs.

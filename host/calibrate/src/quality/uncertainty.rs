@@ -26,6 +26,7 @@ pub mod projection;
 use nalgebra::{DMatrix, DVector};
 
 use crate::quality::board_evidence::{BoardEvidence, RADIUS, after, with_board};
+use crate::quality::drift::{Drift, Interval, drift};
 use crate::quality::split_half::{Halves, SolvedHalves, groups};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_edge::BoardEdges;
@@ -102,6 +103,8 @@ pub struct SolveUncertainty {
     pub formal: DMatrix<f64>,
     /// Both halves of the observations, solved separately; `None` if there are too few.
     pub halves: Option<SolvedHalves>,
+    /// A change of the lens or the board within the recordings; `None` if there is none.
+    pub drift: Option<Drift>,
 }
 
 /// A standard deviation for each bias of each event class.
@@ -216,6 +219,11 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     let board = formal_with_board
         .zip(step_with_board)
         .map(|(formal, step)| board_evidence(problem, state, &formal, &step, &contributions_with_board, time));
+    let recording = |segment: usize| state.trajectories.get(segment).map_or(0, |trajectory| trajectory.recording);
+    let intervals: Vec<Interval> =
+        times.iter().map(|&(segment, start)| Interval { recording: recording(segment), start }).collect();
+    let drift =
+        drift(&state.camera, problem.sensor, &with_board(problem).mask(), &intervals, &contributions_with_board);
     drop(contributions_with_board);
 
     let count = state.camera.parameters().len();
@@ -268,7 +276,7 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
         board_sigma[RADIUS] = libm::hypot(board_sigma[RADIUS], SYSTEMATIC_RADIUS * problem.mean_scale);
     }
     let intrinsics = Uncertainty { covariance, systematic, systematic_scale, inflation, observations, blocks };
-    Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal, halves })
+    Ok(SolveUncertainty { intrinsics, parts, board_sigma, board, bias_sigma, poses, formal, halves, drift })
 }
 
 /// Times of the observations.

@@ -1,6 +1,6 @@
 //! The verdict on a calibration: a grade, and findings with reasons and advice.
 
-mod board_statement;
+pub(crate) mod board_statement;
 mod findings;
 mod settings;
 
@@ -98,8 +98,20 @@ pub enum Cause {
     Flicker,
     /// Hot pixels send a large share of the events.
     HotPixels,
-    /// Columns of the sensor send nothing.
+    /// Columns of the sensor send nothing, and perhaps rows.
     DeadColumns,
+    /// Rows of the sensor send nothing.
+    DeadRows,
+    /// An area of the sensor sends nothing.
+    SilentArea,
+    /// Pixels are counted from 1.
+    CountedFromOne,
+    /// The lens changed within the recordings, or they are of two cameras.
+    LensChanged,
+    /// The board changed within the recordings.
+    BoardChanged,
+    /// Edges appear twice, as in the events of two cameras.
+    TwoImages,
     /// The recording contains events more than once.
     RepeatedEvents,
     /// The lens is out of focus, or dirty.
@@ -124,6 +136,10 @@ pub enum Cause {
     OtherSensorSize,
     /// The coordinates of the events were scaled.
     Scaled,
+    /// x and y are exchanged.
+    ExchangedAxes,
+    /// It is not known whether the image is mirrored.
+    OrientationNotChecked,
 }
 
 /// A reason for caution. Its advice is data, or a `String` in the words of a program.
@@ -194,6 +210,13 @@ pub fn verdict(
     if findings.iter().any(|finding| finding.cause == Cause::Undistorted) {
         // Pixels shifted by rounding leave a pattern that no lens has.
         findings.retain(|finding| finding.cause != Cause::ModelTooPoor);
+    }
+    let change =
+        |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged | Cause::TwoImages);
+    if findings.iter().any(|finding| change(finding) && finding.severity == Severity::Failure) {
+        // A mixture of two cameras is uncertain and leaves residuals, whatever is recorded.
+        let follows = |cause| matches!(cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);
+        findings.retain(|finding| !follows(finding.cause));
     }
     sort(&mut findings);
     let grade = Grade::of(findings.iter().map(|finding| finding.severity));

@@ -15,6 +15,7 @@ use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
 use crate::quality::coverage::Coverage;
 use crate::quality::cross_check::{Comparison, CrossCheckOutcome};
+use crate::quality::drift::Drift;
 use crate::quality::misfit::Misfit;
 use crate::quality::residual_map::ResidualPattern;
 use crate::quality::split_half::{HeldOutResidual, SplitHalf};
@@ -78,6 +79,9 @@ pub struct CalibrationFile {
     pub coverage: Coverage,
     /// Comparison of two halves that were calibrated separately; absent if the recordings are too short, and for pictures alone.
     pub split_half: Option<SplitHalfSummary>,
+    /// A change of the lens or the board within the recordings; absent if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drift: Option<Drift>,
     /// Systematic residuals over the sensor; absent for pictures alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residual_pattern: Option<ResidualPattern>,
@@ -404,6 +408,7 @@ impl CalibrationFile {
             uncertainty: UncertaintySummary::new(quality, events.map(|events| &events.quality)),
             coverage: quality.coverage.clone(),
             split_half: events.and_then(|events| events.quality.split_half.as_ref().map(SplitHalfSummary::from)),
+            drift: events.and_then(|events| events.quality.drift.clone()),
             residual_pattern: events.map(|events| events.quality.residuals.pattern),
             misfit: events.and_then(|events| events.quality.misfit.as_ref().map(MisfitSummary::from)),
             observed_radius: events.and_then(|events| events.quality.radius),

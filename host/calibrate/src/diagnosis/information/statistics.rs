@@ -4,12 +4,13 @@ use std::cmp::Reverse;
 use std::collections::HashMap;
 
 use evcal_core::event::{Event, Polarity};
+use evcal_core::sensor::Sensor;
 
 use super::{Gap, HotPixel, LISTED, Peak, SaturatedReadout, seconds};
 use crate::diagnosis::bad_pixels::most_of_good;
 use crate::diagnosis::flicker::RateBins;
 use crate::diagnosis::saturation::SaturationDetector;
-use crate::diagnosis::silent_lines::dead_lines;
+use crate::diagnosis::silent_lines::{SilentLines, dead_lines};
 use crate::diagnosis::time_steps::TimeSteps;
 
 /// Length of the bins for the peak rate, in microseconds.
@@ -104,15 +105,32 @@ impl Statistics {
         self.longest_gaps.iter().map(gap).collect()
     }
 
-    /// Returns the columns without events if most columns have many.
-    pub(super) fn dead_columns(&self) -> Vec<u16> {
-        let mut columns = vec![0; if self.events > 0 { usize::from(self.largest.0) + 1 } else { 0 }];
-        for ((x, _), events) in &self.pixels {
-            if let Some(column) = columns.get_mut(usize::from(*x)) {
-                *column += events;
+    /// Returns the lines of pixels without events if most lines have many; `line` returns the column or the row of a pixel.
+    pub(super) fn dead_lines(&self, line: impl Fn(u16, u16) -> u16) -> Vec<u16> {
+        let largest = usize::from(line(self.largest.0, self.largest.1));
+        let mut lines = vec![0; if self.events > 0 { largest + 1 } else { 0 }];
+        for ((x, y), events) in &self.pixels {
+            if let Some(line) = lines.get_mut(usize::from(line(*x, *y))) {
+                *line += events;
             }
         }
-        dead_lines(&columns)
+        dead_lines(&lines)
+    }
+
+    /// Returns the meaning of columns and rows of `sensor` without events.
+    pub(super) fn silent(&self, sensor: Sensor) -> Option<SilentLines> {
+        /// Larger sensors are not examined.
+        const LARGEST: usize = 1 << 22;
+        let width = usize::from(sensor.width);
+        let size = width * usize::from(sensor.height);
+        let mut counts = vec![0_u32; if size <= LARGEST { size } else { 0 }];
+        for ((x, y), events) in &self.pixels {
+            if let Some(count) = counts.get_mut(usize::from(*y) * width + usize::from(*x)).filter(|_| *x < sensor.width)
+            {
+                *count = u32::try_from(*events).unwrap_or(u32::MAX);
+            }
+        }
+        SilentLines::found(&counts, width)
     }
 
     /// Returns the number of hot pixels, and the hottest of them.

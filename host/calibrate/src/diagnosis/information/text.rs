@@ -4,7 +4,7 @@ use std::fmt;
 
 use evcal_files::visible;
 
-use super::{Information, LISTED, Peak, SaturatedReadout, seconds};
+use super::{Information, Peak, SaturatedReadout, seconds};
 use crate::diagnosis::bad_pixels::HOT_FACTOR;
 use crate::diagnosis::flicker::Flicker;
 
@@ -114,11 +114,8 @@ impl Information {
                 format!("{count} with more than {HOT_FACTOR} times the median number of events; the hottest: {shown}"),
             )?;
         }
-        if !self.dead_columns.is_empty() {
-            let columns: Vec<String> = self.dead_columns.iter().take(LISTED).map(ToString::to_string).collect();
-            let more = if self.dead_columns.len() > LISTED { " …" } else { "" };
-            let value = format!("{} send nothing: {}{more}", self.dead_columns.len(), columns.join(", "));
-            line(f, "columns", value)?;
+        if let Some(silent) = &self.silent {
+            line(f, "silent", silent.to_string())?;
         }
         Ok(())
     }

@@ -66,7 +66,7 @@ fn effect(stated: &Camera<f64>, camera: &Camera<f64>) -> Option<String> {
 }
 
 /// Formats a value and its standard deviation, with two digits of the latter.
-fn with_sigma(value: f64, sigma: f64) -> String {
+pub(crate) fn with_sigma(value: f64, sigma: f64) -> String {
     let decimals = if sigma > 0.0 { (1.0 - libm::floor(libm::log10(sigma))).clamp(0.0, 6.0) as usize } else { 3 };
     format!("{value:.decimals$} ± {sigma:.decimals$}")
 }

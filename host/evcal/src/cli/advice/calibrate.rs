@@ -20,6 +20,7 @@ use evcal_calibrate::motion_capture::file::{CaptureError, CaptureFileError};
 use evcal_calibrate::picture_calibration::calibration::PictureFailure;
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::undistort::target::TargetError;
+use evcal_core::circle::Extraction;
 use evcal_files::shell_word::shell_word;
 use evcal_geometry::board::sheet::DoesNotFit;
 use evcal_geometry::board::{BoardError, BoardProblem, CircleBoardError};
@@ -185,8 +186,10 @@ fn about_no_pattern(error: &NoPattern) -> Option<String> {
         }
         NoPatternCause::AtRest(_) => "check the kind, rows and columns of --board",
         NoPatternCause::OnePolarity(_) => "give the column of the polarity with --columns",
-        NoPatternCause::Windows(NoBoard::TooFewCircles, _) => "try --extraction soft",
-        NoPatternCause::Windows(NoBoard::TooFewEvents | NoBoard::NotRound, _)
+        NoPatternCause::Windows(NoBoard::TooFewCircles, _) if error.extraction() == Extraction::Hard => {
+            "try --extraction soft"
+        }
+        NoPatternCause::Windows(NoBoard::TooFewCircles | NoBoard::TooFewEvents | NoBoard::NotRound, _)
         | NoPatternCause::TooShort
         | NoPatternCause::Nothing => return None,
         NoPatternCause::Windows(..) => "check layout, rows and columns of --board",
