@@ -230,3 +230,85 @@ fn a_wrong_board_is_rejected_with_the_right_one() {
     assert_eq!(finished.code, Some(1), "{finished:?}");
     assert!(finished.stderr.contains("--board acircles:9x4:55mm:r17.5mm"), "{finished:?}");
 }
+
+/// Refocusing by 0.5 % between two recordings leads to a camera between both. Halves of alternating slices agree then, because each
+/// is the same mixture.
+#[test]
+fn a_lens_that_changed_between_recordings_is_reported() {
+    let lens = |share: f64| format!("{},{},170.6,131.2,-0.37,0.19,-0.0005,0.0003,-0.06", 344.1 * share, 343.6 * share);
+    let simulation = |share: f64, seed: &str| {
+        let parameters = format!("--parameters={}", lens(share));
+        let motion = ["--motion", "fast", "--duration", "2.5s", "--seed", seed];
+        made("refocused", &[&["simulate", "--model", "radtan", &parameters][..], &motion].concat())
+    };
+    let [first, longer, same] = [(1.0, "21"), (1.005, "22"), (1.0, "23")].map(|(share, seed)| simulation(share, seed));
+    let calibrated = |second: &Path| {
+        let events = [first.join("events.aedat4"), second.join("events.aedat4")];
+        let folder = RADTAN.calibration("refocused", &[&events[0], &events[1]]);
+        read_json(&folder.join("calibration.json"))
+    };
+    let mixed = calibrated(&longer);
+    assert!(names(&mixed["verdict"], "lens-changed"), "{:#}", mixed["verdict"]);
+    assert_eq!(mixed["verdict"]["grade"], "not-good");
+    assert_eq!(mixed["drift"]["recording"], 1);
+    assert_eq!(mixed["drift"]["t"], Value::Null, "the change is at the border of the recordings");
+    let longer_by = mixed["drift"]["focal_length"]["value"].as_f64().unwrap();
+    assert!((longer_by - 0.005).abs() < 0.0015, "{longer_by}");
+    let alike = calibrated(&same);
+    assert_eq!(alike["verdict"]["grade"], "good", "{:#}", alike["verdict"]);
+    assert_eq!(alike.get("drift"), None);
+}
+
+/// Writes the events of the recording in the folder `simulation` to `file`, those at the pixel that `moved` returns.
+fn write_moved(simulation: &Path, moved: impl Fn([u16; 2]) -> Option<[u16; 2]>, file: &Path) {
+    let recording = Recording::new(simulation.join("events.aedat4"), RecordingOptions::default()).unwrap();
+    let (mut reader, mut events) = (recording.open().unwrap(), Vec::new());
+    let mut csv = "# sensor 346 x 260\nt_us,x,y,p\n".to_owned();
+    while reader.next_batch(&mut events).unwrap() {
+        for event in &events {
+            if let Some([x, y]) = moved([event.x, event.y]) {
+                writeln!(csv, "{},{x},{y},{}", event.t, u8::from(event.polarity == Polarity::On)).unwrap();
+            }
+        }
+    }
+    fs::write(file, csv).unwrap();
+}
+
+/// Coordinates that count from 1 and were cut at the sensor's size move the principal point by one pixel. A sensor whose lower half
+/// is dead never shows the whole board; the answer was to move faster.
+#[test]
+fn silent_rows_and_halves_are_reported() {
+    let simulation = RADTAN.simulation("silent", &["--motion", "fast", "--duration", "2.5s", "--seed", "31"]);
+    let folder = tempfile::tempdir().unwrap();
+    let (from_one, half) = (folder.path().join("from-one.csv"), folder.path().join("half.csv"));
+    write_moved(&simulation, |[x, y]| (x < 345 && y < 259).then_some([x + 1, y + 1]), &from_one);
+    write_moved(&simulation, |[x, y]| (y < 130).then_some([x, y]), &half);
+    let output = folder.path().join("from-one");
+    let options = ["--model", RADTAN.model, "--accept-any", "-o", text(&output)];
+    let finished = evcal(&[&["calibrate", text(&from_one), "--board", BOARD][..], &options].concat());
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    let verdict = read_json(&output.join("calibration.json"))["verdict"].clone();
+    assert!(names(&verdict, "counted-from-one") && verdict["grade"] == "not-good", "{verdict:#}");
+    for command in [
+        &["calibrate", text(&half), "--board", BOARD, "-o", text(&folder.path().join("half"))][..],
+        &["check", text(&half), "--board", BOARD],
+        &["info", text(&half)],
+    ] {
+        let finished = evcal(command);
+        let answer = format!("{}{}", finished.stdout, finished.stderr);
+        assert!(
+            answer.contains("the lower half of the sensor sends nothing (rows 130 to 259 of 260)"),
+            "{command:?}: {answer}"
+        );
+        assert!(!answer.contains("move faster"), "{command:?}: {answer}");
+    }
+}
+
+/// Dots and checkerboards look the same in a mirror. The verdict states that this was not checked, which does not lower the grade.
+#[test]
+fn an_orientation_that_cannot_be_checked_is_stated() {
+    let verdict = read_json(&RADTAN.own_calibration().join("calibration.json"))["verdict"].clone();
+    let findings = verdict["findings"].as_array().expect("findings");
+    assert!(findings.iter().any(|finding| finding["cause"] == "orientation-not-checked"), "{verdict:#}");
+    assert_eq!(verdict["grade"], "good");
+}

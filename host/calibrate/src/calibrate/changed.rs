@@ -11,7 +11,7 @@ const NAMED: f64 = 4.0;
 
 /// Returns the finding on `drift`. It is a failure if a camera before or after the change is farther than `good` (px) from the result.
 pub(super) fn finding_on(inputs: &[Input], drift: &Drift, good: f64) -> Finding {
-    let name = inputs.get(drift.recording).map_or_else(|| "the next recording".to_owned(), Input::short_name);
+    let name = inputs.get(drift.recording).map_or_else(|| "the next recording".to_owned(), |input| name(input, inputs));
     let from = match drift.t {
         Some(t) if inputs.len() > 1 => format!("from {t:.1} s of {name} on"),
         Some(t) => format!("from {t:.1} s on"),
@@ -43,6 +43,12 @@ pub(super) fn finding_on(inputs: &[Input], drift: &Drift, good: f64) -> Finding 
     }
 }
 
+/// Returns the name of `input` without its folders, or with them if another one has the same name.
+fn name(input: &Input, inputs: &[Input]) -> String {
+    let short = input.short_name();
+    if inputs.iter().filter(|other| other.short_name() == short).count() > 1 { input.name() } else { short }
+}
+
 /// Returns the finding on two images in one stream.
 pub(super) fn finding_on_two_images(images: TwoImages) -> Finding {
     Finding {
@@ -61,16 +67,14 @@ pub(super) fn finding_on_two_images(images: TwoImages) -> Finding {
 fn of_lens(drift: &Drift) -> Vec<String> {
     let focal_length = drift.focal_length.map(|change| {
         let word = if change.value > 0.0 { "longer" } else { "shorter" };
-        let text = format!("the focal length is {} % {word}", with_sigma(1e2 * change.value.abs(), 1e2 * change.sigma));
-        (change, text)
+        let percent = with_sigma(1e2 * change.value.abs(), 1e2 * change.sigma);
+        (change, format!("the focal length is {percent} % {word}"))
     });
     let along = |change: Option<Change>, [positive, negative]: [&str; 2]| {
-        change.map(|change| {
-            let word = if change.value > 0.0 { positive } else { negative };
-            let text =
-                format!("the principal point lies {} px further {word}", with_sigma(change.value.abs(), change.sigma));
-            (change, text)
-        })
+        let change = change?;
+        let word = if change.value > 0.0 { positive } else { negative };
+        let text = format!("the principal point is {} px further {word}", with_sigma(change.value.abs(), change.sigma));
+        Some((change, text))
     };
     let [x, y] = drift.principal_point;
     named([focal_length, along(x, ["right", "left"]), along(y, ["down", "up"])])
@@ -135,7 +139,7 @@ mod tests {
         let finding = finding_on(&[], &lens, 0.1);
         assert_eq!(
             finding.reason,
-            "from 3.1 s on the focal length is 0.500 ± 0.025 % longer and the principal point lies 3.00 ± 0.25 px further up"
+            "from 3.1 s on the focal length is 0.500 ± 0.025 % longer and the principal point is 3.00 ± 0.25 px further up"
         );
         assert_eq!((finding.cause, finding.severity), (Cause::LensChanged, Severity::Failure));
         assert_eq!(finding_on(&[], &lens, 0.3).severity, Severity::Warning);

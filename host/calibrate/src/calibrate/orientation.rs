@@ -65,7 +65,9 @@ mod tests {
         for (board, expected) in [
             ("acircles:9x4:55mm:r17.5mm", true),
             ("acircles:11x5:30mm:r8mm", true),
-            ("acircles:8x4:55mm:r17.5mm", false),
+            ("acircles:6x4:55mm:r17.5mm", false),
+            // As high as wide, and symmetric about its diagonal.
+            ("acircles:8x4:55mm:r17.5mm", true),
             ("circles:5x7:40mm:r10mm", true),
             ("circles:6x6:40mm:r10mm", true),
             ("checkerboard:6x9:25mm", true),

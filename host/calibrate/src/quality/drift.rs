@@ -126,8 +126,10 @@ pub fn drift(
     for ((&column, &value), &sigma) in columns.iter().zip(step.iter()).zip(&sigma) {
         changes[column] = Some(Change { value, sigma });
     }
+    // Both alone and together with the others, so that a correlation of two changes is not a change.
     let alone = columns.iter().filter_map(|&column| whole.significance(column, place));
-    let significance = alone.fold(0.0, f64::max);
+    let together = step.iter().zip(&sigma).map(|(value, sigma)| value.abs() / sigma);
+    let significance = alone.fold(0.0, f64::max).min(together.fold(0.0, f64::max));
     let [focal_length, x, y, print_ratio, bend_x, bend_y] = changes;
     let later = &whole.directions_of(&columns) * &step;
     let squares = projection_sensitivity(camera, &grid(sensor))?;

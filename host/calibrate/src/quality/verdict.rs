@@ -211,16 +211,24 @@ pub fn verdict(
         // Pixels shifted by rounding leave a pattern that no lens has.
         findings.retain(|finding| finding.cause != Cause::ModelTooPoor);
     }
-    let change =
-        |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged | Cause::TwoImages);
-    if findings.iter().any(|finding| change(finding) && finding.severity == Severity::Failure) {
-        // A mixture of two cameras is uncertain and leaves residuals, whatever is recorded.
-        let follows = |cause| matches!(cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);
-        findings.retain(|finding| !follows(finding.cause));
-    }
+    name_the_change(&mut findings);
     sort(&mut findings);
     let grade = Grade::of(findings.iter().map(|finding| finding.severity));
     Verdict { grade, sentence: sentence(grade, camera, quality, &findings), findings }
+}
+
+/// If the lens or the board changed, this is the cause of an uncertain projection, of residuals and of halves that differ, whatever is
+/// recorded: their severity passes to the change, and the others are removed.
+fn name_the_change(findings: &mut Vec<Finding>) {
+    let is_change =
+        |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged | Cause::TwoImages);
+    let follows =
+        |finding: &Finding| matches!(finding.cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);
+    let of_consequences = findings.iter().filter(|finding| follows(finding)).map(|finding| finding.severity).max();
+    if let Some(change) = findings.iter_mut().find(|finding| is_change(finding)) {
+        change.severity = change.severity.max(of_consequences.unwrap_or(change.severity));
+        findings.retain(|finding| !follows(finding));
+    }
 }
 
 /// Sorts findings by severity. Causes of an uncertain projection come before the uncertainty itself, because without
@@ -284,6 +292,22 @@ mod tests {
         let mut findings = [far, uncertain, poor];
         sort(&mut findings);
         assert_eq!(findings.map(|finding| finding.cause), [Cause::ModelTooPoor, Cause::Uncertain, Cause::FarAway]);
+    }
+
+    #[test]
+    fn a_change_is_the_cause_of_an_uncertain_projection() {
+        let uncertain = finding(Cause::Uncertain, Severity::Failure, "known to 0.43 px");
+        let changed = finding(Cause::LensChanged, Severity::Warning, "longer from 3 s on");
+        let short = finding(Cause::Short, Severity::Warning, "short");
+        let mut findings = vec![uncertain.clone(), changed, short.clone()];
+        name_the_change(&mut findings);
+        assert_eq!(
+            findings.iter().map(|finding| (finding.cause, finding.severity)).collect::<Vec<_>>(),
+            [(Cause::LensChanged, Severity::Failure), (Cause::Short, Severity::Warning)]
+        );
+        let mut others = vec![uncertain, short];
+        name_the_change(&mut others);
+        assert_eq!(others.len(), 2);
     }
 
     #[test]

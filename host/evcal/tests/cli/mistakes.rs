@@ -311,6 +311,12 @@ const BOARDS: &[Mistake] = &[
         "--board acircles:9x4:55mm:r17.5mm",
     ),
     mistake(
+        "calibrate FIXTURE --board circles:9x4:110mm:r17.5mm -o DIR/out",
+        1,
+        "no pattern found",
+        "--board acircles:9x4:55mm:r17.5mm",
+    ),
+    mistake(
         "calibrate FIXTURE --board acircles:11x5:55mm:r17.5mm -o DIR/out",
         1,
         "no pattern found",
