@@ -55,6 +55,10 @@ const SQUARES: [&str; 5] = [
     "apriltags:3x4:60mm:0.25",
 ];
 
+/// Boards in frames: the squares, smaller tags, and dots.
+const IN_FRAMES: [&str; 4] =
+    ["aprilgrid:6x6:35.2mm:0.3", "apriltags:3x4:45mm:0.25", "apriltags:3x4:45mm:0.25:border2", BOARD];
+
 /// Lenses and unsuitable models.
 const WRONG_MODELS: [(Lens, [&str; 3]); 5] = [
     (RADTAN, ["radtan4", "ucm", "fov"]),
@@ -106,6 +110,14 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
     let large = LARGE.map(|lens| Row::new("imx636", lens, &[&FAST[..], &["--sensor", "imx636"]].concat()));
     let squares =
         SQUARES.map(|board| [RADTAN, KANNALA_BRANDT, EUCM].map(|lens| Row { board, ..Row::new(board, lens, &FAST) }));
+    let slow = ["--motion", "slow", "--duration", "3s", "--frames", "25"];
+    let in_frames = IN_FRAMES.map(|board| {
+        [RADTAN, KANNALA_BRANDT, EUCM].map(|lens| Row {
+            board,
+            calibrate: vec!["--frames-only"],
+            ..Row::new(board, lens, &slow)
+        })
+    });
     let wrong = |(lens, models): (Lens, [&'static str; 3])| {
         models.map(|model| Row { model, ..Row::new(&format!("as {model}"), lens, &FAST) })
     };
@@ -128,6 +140,7 @@ fn tables() -> Vec<(&'static str, Vec<Row>)> {
         ("models", models),
         ("sensors", large.into()),
         ("squares", squares.into_iter().flatten().collect()),
+        ("frames", in_frames.into_iter().flatten().collect()),
         ("wrong-models", WRONG_MODELS.into_iter().flat_map(wrong).collect()),
         ("choices", choices.into_iter().flat_map(choice).collect()),
         ("boards", boards.into()),

@@ -4,6 +4,8 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 mod alignment;
+pub mod bearings;
+mod blurred_print;
 pub mod charuco;
 pub mod checkerboard;
 pub mod crossing;
@@ -15,4 +17,5 @@ pub mod reconstruction;
 #[cfg(test)]
 mod rendering;
 pub mod saddles;
+pub mod tag_fit;
 pub mod tags;

@@ -1,7 +1,9 @@
 //! Pictures of boards with a known ground truth, for tests.
 
+use evcal_core::camera::{Camera, ModelKind};
+use evcal_geometry::board::squares::raster::Raster;
 use evcal_geometry::board::tag::Tag;
-use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 use crate::picture::Picture;
 
@@ -52,6 +54,163 @@ impl View {
             samples.sum::<f32>() / (parts * parts) as f32
         };
         Picture::new(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(pixel).collect()).unwrap().blurred(0.7)
+    }
+}
+
+/// Numbers between −1 and 1, the same in every run.
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234_5678_9abc_def1)
+    }
+
+    pub fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.next()).sum::<f64>() * 0.5
+    }
+}
+
+/// A view of a board through a lens, in light that a [`Light`] describes.
+pub struct Shot<'a> {
+    pub raster: &'a Raster,
+    pub camera: Camera<f64>,
+    pub pose: Isometry3<f64>,
+}
+
+/// Blur, noise and light of a picture.
+#[derive(Clone, Copy)]
+pub struct Light {
+    /// Standard deviation of the blur (px).
+    pub blur: f64,
+    /// Motion during the exposure (px).
+    pub motion: [f64; 2],
+    /// Noise as a share of the contrast.
+    pub noise: f64,
+    /// Share of the light that is missing in the corners of the picture.
+    pub vignetting: f64,
+    /// Exponent of the response of the camera.
+    pub gamma: f64,
+}
+
+impl Light {
+    pub const EVEN: Self = Self { blur: 0.6, motion: [0.0; 2], noise: 0.0, vignetting: 0.0, gamma: 1.0 };
+}
+
+/// A part of a picture.
+pub struct Part {
+    pub picture: Picture,
+    /// Its first pixel.
+    pub position: [usize; 2],
+}
+
+/// A lens with distortion for pictures of 346 × 260 pixels.
+pub fn lens(k1: f64) -> Camera<f64> {
+    Camera::from_parameters(ModelKind::Radtan4, &[332.0, 332.0, 173.3, 128.6, k1, -0.4 * k1, 0.0, 0.0]).unwrap()
+}
+
+impl Shot<'_> {
+    /// Returns a pose in which `target` of the board appears at `pixel` with this many pixels per metre, tilted and
+    /// rotated by `rotation`.
+    pub fn pose(
+        camera: &Camera<f64>,
+        target: Vector2<f64>,
+        pixel: [f64; 2],
+        scale: f64,
+        [a, b, c]: [f64; 3],
+    ) -> Isometry3<f64> {
+        let rotation = UnitQuaternion::from_euler_angles(a, b, c);
+        let bearing = camera.unproject(&Vector2::from(pixel)).unwrap();
+        let [focal, _] = camera.axial_focal_lengths().unwrap();
+        let place = bearing * (focal / scale);
+        Isometry3::from_parts(Translation3::from(place - rotation * target.push(0.0)), rotation)
+    }
+
+    pub fn pixel(&self, point: Vector2<f64>) -> Vector2<f64> {
+        self.camera.project(&(self.pose * Point3::from(point.push(0.0))).coords).unwrap()
+    }
+
+    /// Renders the part of the picture within `reach` pixels of `middle`. Each pixel has `PARTS` × `PARTS` samples at
+    /// random places of their parts; the blur is a Gaussian on them.
+    pub fn render(&self, middle: Vector2<f64>, reach: f64, light: &Light, random: &mut Random) -> Part {
+        const PARTS: usize = 10;
+        let low = [middle.x, middle.y].map(|middle| (middle - reach).floor().max(0.0) as usize);
+        let size: [usize; 2] = std::array::from_fn(|axis| {
+            let end = ((middle[axis] + reach).ceil()).min([WIDTH, HEIGHT][axis] as f64) as usize;
+            end - low[axis]
+        });
+        let margin = (4.0 * light.blur + light.motion[0].abs().max(light.motion[1].abs())).ceil() as usize;
+        let fine = size.map(|size| (size + 2 * margin) * PARTS);
+        let inverse = self.pose.inverse();
+        let mut samples = Vec::with_capacity(fine[0] * fine[1]);
+        for y in 0..fine[1] {
+            for x in 0..fine[0] {
+                let [x, y] = [(x, 0), (y, 1)].map(|(at, axis)| {
+                    let jitter = 0.5 + 0.5 * random.next();
+                    (at as f64 + jitter) / PARTS as f64 - 0.5 - margin as f64 + low[axis] as f64
+                });
+                let ray = inverse.rotation * self.camera.unproject(&Vector2::new(x, y)).unwrap();
+                let from = inverse.translation.vector;
+                let at = from - ray * (from.z / ray.z);
+                samples.push(if self.raster.is_dark_at([at.x, at.y]) { 0.0 } else { 1.0 });
+            }
+        }
+        let mut fine = Picture::new(fine[0], fine[1], samples).unwrap();
+        let taps = |along: usize| {
+            let sigma = light.blur * PARTS as f64;
+            let reach = (4.0 * sigma).ceil() as isize;
+            let weights: Vec<f64> = (-reach..=reach).map(|at| libm::exp(-0.5 * (at as f64 / sigma).powi(2))).collect();
+            let sum: f64 = weights.iter().sum();
+            let step = if along == 0 { [1.0, 0.0] } else { [0.0, 1.0] };
+            (-reach..=reach)
+                .zip(weights)
+                .map(|(at, weight)| (step.map(|step| step * at as f64), weight / sum))
+                .collect()
+        };
+        let mut passes: Vec<Vec<([f64; 2], f64)>> = vec![taps(0), taps(1)];
+        if light.motion != [0.0; 2] {
+            let count = 31;
+            let at = |index: usize| (index as f64 + 0.5) / f64::from(count) - 0.5;
+            let tap =
+                |index: usize| (light.motion.map(|motion| motion * PARTS as f64 * at(index)), 1.0 / f64::from(count));
+            passes.push((0..count as usize).map(tap).collect());
+        }
+        for taps in passes {
+            let mut blurred = vec![0.0; fine.values().len()];
+            let (width, height) = (fine.width() as isize, fine.height() as isize);
+            for ([dx, dy], weight) in taps {
+                let (dx, dy) = (dx.round() as isize, dy.round() as isize);
+                for y in 0..height {
+                    let from = (y + dy).clamp(0, height - 1) * width;
+                    for x in 0..width {
+                        let value = fine.values()[(from + (x + dx).clamp(0, width - 1)) as usize];
+                        blurred[(y * width + x) as usize] += weight as f32 * value;
+                    }
+                }
+            }
+            fine = Picture::new(width as usize, height as usize, blurred).unwrap();
+        }
+        // A point of the blurred picture, between the four samples around the middle of the pixel.
+        let value = |index: usize| {
+            let [x, y] = [index % size[0], index / size[0]];
+            let at = |place: usize| ((place + margin) * PARTS + PARTS / 2) as f32 - 0.5;
+            let share = f64::from(fine.bilinear(at(x), at(y)));
+            let [x, y] = [(x + low[0]) as f64, (y + low[1]) as f64];
+            let from_middle = (x - 172.5).hypot(y - 129.5) / 172.5_f64.hypot(129.5);
+            let linear = (0.08 + 0.8 * share) * (1.0 - light.vignetting * from_middle * from_middle);
+            255.0 * linear.powf(light.gamma)
+        };
+        let contrast = 255.0 * 0.8;
+        let values = (0..size[0] * size[1]).map(value).collect::<Vec<f64>>();
+        let values =
+            values.into_iter().map(|value| (value + light.noise * contrast * random.normal()) as f32).collect();
+        Part { picture: Picture::new(size[0], size[1], values).unwrap(), position: low }
     }
 }
 

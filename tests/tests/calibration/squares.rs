@@ -49,6 +49,24 @@ fn sheet_of_apriltags() {
     calibrates("apriltags", SHEET);
 }
 
+/// Corners of tags in frames depended on the size of the tags, so fx was wrong by 22 of its σ.
+#[test]
+fn corners_of_tags_in_frames_are_not_biased() {
+    let board = "apriltags:3x4:45mm:0.25";
+    let lens = ["--model", "radtan4", "--parameters", "332,332,173.3,128.6,-0.35,0.15,0,0"];
+    let simulated = ["simulate", "--board", board, "--motion", "slow", "--duration", "2s", "--frames", "20"];
+    let recording = made("squares-frames", &[&simulated[..], &["--seed", "7"], &lens].concat());
+    let events = recording.join("events.aedat4");
+    let only = ["--frames-only", "--model", "radtan4", "--threads", "2", "--accept-any"];
+    let calibration =
+        made("squares-frames-only", &[&["calibrate", text(&events), "--board", board][..], &only].concat());
+    let accuracy = Accuracy::of(&calibration, &recording);
+    let result = read_json(&calibration.join("calibration.json"));
+    let bound = result["uncertainty"]["projection_rms_95"].as_f64().unwrap();
+    assert!(accuracy.projection_rms <= bound.min(0.03), "{accuracy:?}, reported bound {bound}");
+    assert!(accuracy.focal <= 4e-4, "{accuracy:?}");
+}
+
 /// The error was that too few frames show the board, after a search of a minute.
 #[test]
 fn mirrored_and_inverted_tags_are_named() {

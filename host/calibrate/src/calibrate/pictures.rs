@@ -1,6 +1,6 @@
 //! Use of the camera's own pictures in the calibration.
 
-use evcal_core::camera::ModelKind;
+use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
 use super::board_solve::BoardSolve;
@@ -11,8 +11,9 @@ use super::progress::Progress;
 use super::{PictureUse, Task, orientation};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::pictures::search::{MadeOf, PictureSearch, PictureSearchReport};
-use crate::initial::model_choice::{CANDIDATES, ModelRequest, choose_model};
+use crate::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
+use crate::detection::pictures::tag_corners::TagCorners;
+use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureSource, calibrate_pictures,
@@ -23,13 +24,14 @@ use crate::quality::examine_pictures;
 use crate::quality::uncertainty::Uncertainty;
 use crate::quality::verdict::verdict;
 use crate::solve::refinement::Refined;
-use event_recordings::images::ImagesError;
 use event_recordings::pass::RecordingReport;
 use event_recordings::pictures::TimedImage;
 
 /// The reference frames of all recordings' pictures.
 pub(super) struct SeenPictures {
     pub(super) frames: Vec<ReferenceFrame>,
+    /// For each frame the number of its picture in its recording; empty if the frames are not read again.
+    pub(super) numbers: Vec<usize>,
     pub(super) report: PictureSearchReport,
     /// For each input the start of its frames' times (s).
     pub(super) starts: Vec<f64>,
@@ -89,7 +91,7 @@ pub(super) fn calibrate_pictures_with_events(
     if let Some(misalignment) = misalignment.filter(|_| is_needed) {
         return Err(CalibrateError::PicturesMisaligned(misalignment));
     }
-    let calibrated = picture_calibration(task, seen, PictureSource::Frames, sensor, model, progress);
+    let calibrated = picture_calibration(task, seen, PictureSource::Frames, sensor, model, progress)?;
     if is_needed {
         require(task, calibrated.as_ref())?;
     }
@@ -115,25 +117,45 @@ fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -
     let mut origins = Vec::new();
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
-        let origin = match input {
-            Input::Events(recording) if recording.may_contain_frames() && without.get(number) != Some(&true) => {
-                progress.report(format!("looking for frames with the board in {}", input.short_name()))?;
-                detection.search(number, start, |visit| recording.visit_frames(visit))?
-            }
-            Input::Images(images) => {
-                progress.report(format!("looking for frames with the board in {}", input.short_name()))?;
-                let images = |visit: &mut dyn FnMut(TimedImage)| images.visit(visit);
-                detection.search::<ImagesError>(number, start, images)?
-            }
-            _ => start.unwrap_or(0),
+        let origin = if may_contain_pictures(input) && without.get(number) != Some(&true) {
+            progress.report(format!("looking for frames with the board in {}", input.short_name()))?;
+            detection.search(number, start, |visit| visit_pictures(input, visit))?
+        } else {
+            start.unwrap_or(0)
         };
         origins.push(origin as f64 * 1e-6);
     }
-    let (frames, report) = detection.finish();
-    Ok(SeenPictures { frames, report, starts: origins })
+    let FoundInPictures { frames, numbers, report } = detection.finish();
+    Ok(SeenPictures { frames, numbers, report, starts: origins })
 }
 
+fn may_contain_pictures(input: &Input) -> bool {
+    match input {
+        Input::Events(recording) => recording.may_contain_frames(),
+        Input::Images(_) => true,
+        Input::Circles { .. } => false,
+    }
+}
+
+/// Passes the pictures of `input` to `visit` in order of time. Returns a sentence about a part that could not be read.
+fn visit_pictures(input: &Input, visit: &mut dyn FnMut(TimedImage)) -> Result<Option<String>, CalibrateError> {
+    match input {
+        Input::Events(recording) => Ok(recording.visit_frames(visit)?),
+        Input::Images(images) => Ok(images.visit(visit)?),
+        Input::Circles { .. } => Ok(None),
+    }
+}
+
+/// Largest number of calibrations from the same pictures, each with the corners of tags as seen through the lens of the
+/// one before.
+const MOST_PASSES: usize = 4;
+/// The corners of tags are final if the last change of the lens bends the sides of tags by less than this (px).
+const LEAST_BEND: f64 = 0.01;
+
 /// Calibrates from `seen` alone; `None` if the recordings contain no frames.
+///
+/// # Errors
+/// [`CalibrateError`] if the frames cannot be read again.
 fn picture_calibration(
     task: &Task,
     seen: SeenPictures,
@@ -141,13 +163,55 @@ fn picture_calibration(
     sensor: Sensor,
     model: ModelKind,
     progress: &Progress,
-) -> Option<CalibratedPictures> {
+) -> Result<Option<CalibratedPictures>, CalibrateError> {
     if seen.report.frames == 0 {
-        return None;
+        return Ok(None);
     }
+    let SeenPictures { frames, numbers, report, .. } = seen;
     // The calibration from pictures cannot be cancelled. A request to cancel takes effect after it.
-    let _ = progress.report(format!("calibration from {} {source}", seen.frames.len()));
-    Some(calibrate_pictures(seen.frames, seen.report, source, task.board, sensor, model, &task.settings.initial))
+    let _ = progress.report(format!("calibration from {} {source}", frames.len()));
+    let calibrate =
+        |frames, report| calibrate_pictures(frames, report, source, task.board, sensor, model, &task.settings.initial);
+    let mut calibrated = calibrate(frames, report);
+    let tags = fits_tags(task, source);
+    for _ in 1..MOST_PASSES {
+        let (Some(tags), Ok(before)) = (&tags, &mut calibrated) else { break };
+        let mut frames = std::mem::take(&mut before.frames);
+        fit_tags_again(task, tags, &before.camera, sensor, &mut frames, &numbers, progress)?;
+        let (camera, report) = (before.camera, before.report.detection.clone());
+        calibrated = calibrate(frames, report);
+        if calibrated.as_ref().is_ok_and(|now| tags.bend(&now.frames, &camera, &now.camera) < LEAST_BEND) {
+            break;
+        }
+    }
+    Ok(Some(calibrated))
+}
+
+/// Returns the fits of the corners of tags; `None` if the points are not such corners, or the pictures are made of events.
+fn fits_tags(task: &Task, source: PictureSource) -> Option<TagCorners> {
+    if source == PictureSource::Frames { TagCorners::new(task.board) } else { None }
+}
+
+/// Fits the corners of tags in all frames again, through the lens of `camera`.
+fn fit_tags_again(
+    task: &Task,
+    tags: &TagCorners,
+    camera: &Camera<f64>,
+    sensor: Sensor,
+    frames: &mut [ReferenceFrame],
+    numbers: &[usize],
+    progress: &Progress,
+) -> Result<(), CalibrateError> {
+    let mut numbers = numbers;
+    // Frames are in the order of the recordings.
+    for frames in frames.chunk_by_mut(|a, b| a.recording == b.recording) {
+        let (of_recording, rest) = numbers.split_at_checked(frames.len()).unwrap_or((numbers, &[]));
+        numbers = rest;
+        let Some(input) = frames.first().and_then(|frame| task.inputs.get(frame.recording)) else { continue };
+        progress.report(format!("corners of tags in {}", input.short_name()))?;
+        tags.fit_again(camera, sensor, frames, of_recording, |visit| visit_pictures(input, visit))?;
+    }
+    Ok(())
 }
 
 /// Compares the result from events with the one from pictures.
@@ -230,25 +294,41 @@ pub(super) fn calibrate_seen(
     progress: &Progress,
 ) -> Result<Calibrated, CalibrateError> {
     let starts = seen.starts.clone();
-    let (model, model_choice) = match task.model {
-        ModelRequest::Given(model) => (model, None),
-        ModelRequest::Auto => {
-            let stage = &task.settings.initial;
-            // The choice of the model cannot be cancelled. A request to cancel takes effect after it.
-            let on_progress = |model| {
-                let _ = progress.report(format!("initial model {model} from {} {source}", seen.frames.len()));
-            };
-            let (initial, choice) = choose_model(&seen.frames, task.board, sensor, &CANDIDATES, stage, on_progress)?;
-            progress.go_on()?;
-            (initial.camera.kind(), Some(choice))
+    let choose = |frames: &[ReferenceFrame]| -> Result<(ModelKind, Option<ModelChoice>), CalibrateError> {
+        match task.model {
+            ModelRequest::Given(model) => Ok((model, None)),
+            ModelRequest::Auto => {
+                let stage = &task.settings.initial;
+                // The choice of the model cannot be cancelled. A request to cancel takes effect after it.
+                let on_progress = |model| {
+                    let _ = progress.report(format!("initial model {model} from {} {source}", frames.len()));
+                };
+                let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, stage, on_progress)?;
+                progress.go_on()?;
+                Ok((initial.camera.kind(), Some(choice)))
+            }
         }
     };
-    let calibration = picture_calibration(task, seen, source, sensor, model, progress)
-        .ok_or_else(|| no_pictures(task))?
-        .map_err(match source {
-            PictureSource::Frames => CalibrateError::Pictures,
-            PictureSource::StillViews => CalibrateError::Views,
-        })?;
+    let calibrate_with = |seen: SeenPictures, model: ModelKind| {
+        picture_calibration(task, seen, source, sensor, model, progress)?.ok_or_else(|| no_pictures(task))?.map_err(
+            match source {
+                PictureSource::Frames => CalibrateError::Pictures,
+                PictureSource::StillViews => CalibrateError::Views,
+            },
+        )
+    };
+    let (mut model, mut model_choice) = choose(&seen.frames)?;
+    let numbers = seen.numbers.clone();
+    let mut calibration = calibrate_with(seen, model)?;
+    if model_choice.is_some() && fits_tags(task, source).is_some() {
+        // The bias of the first corners may have decided the choice.
+        let first = model;
+        (model, model_choice) = choose(&calibration.frames)?;
+        if model != first {
+            let (frames, report) = (calibration.frames, calibration.report.detection);
+            calibration = calibrate_with(SeenPictures { frames, numbers, report, starts: starts.clone() }, model)?;
+        }
+    }
     progress.go_on()?;
     let quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
     let findings = Vec::from_iter(orientation::finding_on(task.board, sensor));

@@ -93,17 +93,21 @@ impl SquareFinder {
     }
 }
 
-/// Prepares the search for the tags of `board`.
-fn tags(board: &SquareBoard) -> Kind {
-    let tags = board.tags();
+/// Returns for each tag of `board` the indices of the points at its corners; `None` if the corners are not points.
+pub(super) fn tag_points(board: &SquareBoard) -> Option<Vec<[usize; 4]>> {
     let points = board.points();
     let near = 0.1 * board.module();
     let at = |corner: [f64; 2]| points.iter().position(|point| (point - Vector2::from(corner)).norm() < near);
-    let corners = tags.iter().map(|tag| {
+    let corners = board.tags().into_iter().map(|tag| {
         let [a, b, c, d] = tag.corners.map(at);
         Some([a?, b?, c?, d?])
     });
-    match (TagFinder::new(&tags), corners.collect::<Option<Vec<_>>>()) {
+    corners.collect()
+}
+
+/// Prepares the search for the tags of `board`.
+fn tags(board: &SquareBoard) -> Kind {
+    match (TagFinder::new(&board.tags()), tag_points(board)) {
         (Ok(finder), Some(corners)) => Kind::Tags { finder: Box::new(finder), corners },
         _ => Kind::Nothing,
     }

@@ -20,7 +20,7 @@ use evcal_geometry::numerics::statistics::median;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
 /// Number of pictures that are searched together.
-const PICTURES_TOGETHER: usize = 64;
+pub(super) const PICTURES_TOGETHER: usize = 64;
 /// Smallest and largest outer end of the surroundings of a dot, in radii of the dot.
 const REACH: [f64; 2] = [1.2, 3.0];
 /// Largest blur of the dots' edges (median of a picture), as the standard deviation of a Gaussian (px).
@@ -73,6 +73,16 @@ pub struct PictureSearchReport {
     pub notes: Vec<String>,
 }
 
+/// The board in the pictures of all recordings.
+pub struct FoundInPictures {
+    /// The pictures with the board, in their order.
+    pub frames: Vec<ReferenceFrame>,
+    /// For each frame the number of its picture in the recording.
+    pub numbers: Vec<usize>,
+    /// Statistics of the search.
+    pub report: PictureSearchReport,
+}
+
 /// Result for one picture.
 struct Searched {
     board: Result<SeenBoard, NoBoard>,
@@ -103,6 +113,8 @@ pub struct PictureSearch<'a> {
     /// Length of the intervals in each of which only the first picture is searched (µs); 0 to search all pictures.
     interval: i64,
     frames: Vec<ReferenceFrame>,
+    /// For each frame the number of its picture in the recording.
+    numbers: Vec<usize>,
     blurs: Vec<f64>,
     report: PictureSearchReport,
 }
@@ -131,7 +143,7 @@ impl<'a> PictureSearch<'a> {
             Board::Squares(board) => Target::Squares(SquareFinder::new(board)),
         };
         let report = PictureSearchReport::default();
-        Self { target, interval: 0, frames: Vec::new(), blurs: Vec::new(), report }
+        Self { target, interval: 0, frames: Vec::new(), numbers: Vec::new(), blurs: Vec::new(), report }
     }
 
     /// Limits the search to the first picture in each `interval` (µs).
@@ -153,10 +165,13 @@ impl<'a> PictureSearch<'a> {
         start: Option<i64>,
         hand_on: impl FnOnce(&mut dyn FnMut(TimedImage)) -> Result<Option<String>, E>,
     ) -> Result<i64, E> {
-        let mut waiting: Vec<TimedImage> = Vec::new();
+        let mut waiting: Vec<(usize, TimedImage)> = Vec::new();
         let mut origin = start;
         let mut searched = None;
+        let mut pictures = 0;
         let note = hand_on(&mut |image| {
+            let of_picture = pictures;
+            pictures += 1;
             let from = *origin.get_or_insert(image.exposure.0);
             let interval = image.exposure.0.saturating_sub(from).checked_div(self.interval);
             if interval.is_some() && interval == searched {
@@ -164,7 +179,7 @@ impl<'a> PictureSearch<'a> {
                 return;
             }
             searched = interval;
-            waiting.push(image);
+            waiting.push((of_picture, image));
             if waiting.len() >= PICTURES_TOGETHER {
                 self.search_pictures(std::mem::take(&mut waiting), number, from);
             }
@@ -175,15 +190,20 @@ impl<'a> PictureSearch<'a> {
         Ok(origin)
     }
 
-    fn search_pictures(&mut self, pictures: Vec<TimedImage>, number: usize, start: i64) {
+    fn search_pictures(&mut self, pictures: Vec<(usize, TimedImage)>, number: usize, start: i64) {
         let searched: Vec<Searched> = match &self.target {
             Target::Circles(target) => pictures
                 .par_iter()
-                .map_init(|| BoardFinder::new(target.board.pattern), |finder, picture| target.search(picture, finder))
+                .map_init(
+                    || BoardFinder::new(target.board.pattern),
+                    |finder, (_, picture)| target.search(picture, finder),
+                )
                 .collect(),
-            Target::Squares(finder) => pictures.par_iter().map(|picture| search_squares(picture, finder)).collect(),
+            Target::Squares(finder) => {
+                pictures.par_iter().map(|(_, picture)| search_squares(picture, finder)).collect()
+            }
         };
-        for (picture, searched) in pictures.iter().zip(searched) {
+        for ((of_picture, picture), searched) in pictures.iter().zip(searched) {
             self.report.frames += 1;
             self.report.dots += searched.dots;
             for reason in searched.dots_refused {
@@ -196,6 +216,7 @@ impl<'a> PictureSearch<'a> {
                     self.report.without_exposure += u64::from(!picture.exposure_known);
                     self.blurs.extend(blur);
                     self.frames.push(reference_frame(picture, dots, number, start));
+                    self.numbers.push(*of_picture);
                 }
                 Err(reason) => *self.report.refused.entry(reason).or_default() += 1,
             }
@@ -203,9 +224,9 @@ impl<'a> PictureSearch<'a> {
     }
 
     /// Returns the pictures with the board in their order, and the report.
-    pub fn finish(mut self) -> (Vec<ReferenceFrame>, PictureSearchReport) {
+    pub fn finish(mut self) -> FoundInPictures {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
-        (self.frames, self.report)
+        FoundInPictures { frames: self.frames, numbers: self.numbers, report: self.report }
     }
 }
 
@@ -334,7 +355,7 @@ mod tests {
                 Ok::<_, std::convert::Infallible>(None)
             };
             let _ = search.search(0, start, hand_on);
-            let report = search.finish().1;
+            let report = search.finish().report;
             (report.frames, report.passed_over)
         };
         assert_eq!(report_of(1000, None), (3, 3));

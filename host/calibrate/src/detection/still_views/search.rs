@@ -11,7 +11,7 @@ use event_recordings::pictures::{GreyImage, NoImage, TimedImage};
 use nalgebra::Vector2;
 
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
-use crate::detection::pictures::search::{MadeOf, PictureSearch, PictureSearchReport};
+use crate::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
 use crate::detection::pictures::settings::PictureSettings;
 use crate::detection::settings::DetectionSettings;
 use crate::detection::still_views::StillView;
@@ -159,7 +159,7 @@ fn search(
         };
         let Ok(_) = search.search::<Infallible>(number, Some(0), hand_on);
     }
-    let (mut frames, report) = search.finish();
+    let FoundInPictures { mut frames, report, .. } = search.finish();
     for frame in &mut frames {
         for circle in frame.circles.iter_mut().filter(|_| factor > 1) {
             circle.center = (circle.center + Vector2::repeat(0.5)) / scale - Vector2::repeat(0.5);

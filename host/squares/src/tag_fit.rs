@@ -1,0 +1,376 @@
+//! Corners of a tag in a picture made of light, by least squares between the picture's own pixels and the blurred print.
+//!
+//! The model of a pixel at p is a(p) + b(p) · B + (a₀ + b₀ · B) · q(p) + c · (1 − B²). B is the print around the tag,
+//! blurred by a normal distribution and seen through a homography and, if it is known, the lens. The planes a and b and
+//! the quadratic form q model uneven light; c models a camera whose response is not linear, and ink that spreads.
+//! Homography and blur of the tag are estimated together with them, so the corners do not depend on the size of the tag
+//! or on the blur. Nothing is taken between pixels, and the picture is not smoothed.
+
+use evcal_geometry::board::homography::homography;
+use evcal_geometry::board::squares::raster::Raster;
+use evcal_geometry::board::tag::Tag;
+use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
+
+use crate::bearings::{Bearings, Plane};
+use crate::blurred_print::{NearLines, Print};
+use crate::picture::Picture;
+
+/// Width of the strip around the tag that is fitted too (px); at most the gap to the next square.
+const MARGIN: f64 = 2.5;
+/// Width of the print beyond this strip that is known, in modules: blur carries it into the strip.
+const BEYOND: f64 = 2.5;
+/// First standard deviation of the blur (px), and its limits.
+const BLUR: f64 = 0.7;
+const BLURS: [f64; 2] = [0.15, 8.0];
+/// Largest motion of a corner from its start (px).
+const FARTHEST: f64 = 1.0;
+/// Largest rms of the residuals, as a share of the difference between dark and light.
+const MOST_RESIDUAL: f64 = 0.1;
+const SCHEDULE: Schedule =
+    Schedule { first_damping: 1e-4, smallest_damping: 1e-7, largest_damping: 1e2, most_steps: 15, smallest_gain: 1e-6 };
+
+/// Number of parameters of a homography, of the blur, and of the light.
+const MAP: usize = 8;
+const SHAPE: usize = MAP + 3;
+const LIGHT: usize = 10;
+const UNKNOWNS: usize = SHAPE + LIGHT;
+
+/// The tags of a board with their surroundings.
+pub struct TagFits {
+    tags: Vec<Surrounded>,
+}
+
+/// A tag and the print around it; its sides extend from −1 to 1 in both directions.
+struct Surrounded {
+    /// Its corners, each ±1.
+    corners: [Vector2<f64>; 4],
+    print: Print,
+    /// Width of the gap around it, in half sides.
+    gap: f64,
+}
+
+/// The corners of a tag in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FittedTag {
+    /// Their positions in the order of [`Tag::corners`] (px).
+    pub corners: [[f64; 2]; 4],
+    /// Standard deviation of a corner along one axis (px), on average, if the residuals of the pixels are independent.
+    pub sigma: f64,
+    /// Standard deviation of the blur (px), on average over all directions.
+    pub blur: f64,
+    /// Standard deviation of the residuals as a share of the difference between dark and light.
+    pub residual: f64,
+}
+
+/// A pixel of the fitted region.
+struct Pixel {
+    /// Position on the plane on which lines are straight, and its derivative by the position in the picture.
+    place: Vector2<f64>,
+    by_pixel: Matrix2<f64>,
+    /// 1 and the position in the picture relative to the middle of the tag, about −1 to 1.
+    light: [f64; 3],
+    value: f64,
+}
+
+/// The estimate: the map from the plane to the print, the blur's variances (xx, xy, yy in px²), and the light: the
+/// coefficients of b, a, q and c.
+#[derive(Clone)]
+struct Estimate {
+    map: Matrix3<f64>,
+    blur: [f64; 3],
+    light: SVector<f64, LIGHT>,
+    equations: Equations,
+}
+
+/// Normal equations about an estimate.
+#[derive(Clone)]
+struct Equations {
+    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    right: SVector<f64, UNKNOWNS>,
+    /// Sum of squares of the residuals, with the best light.
+    cost: f64,
+}
+
+impl TagFits {
+    /// Prepares the fits of `tags` on a board with this `raster`.
+    pub fn new(tags: &[Tag], raster: &Raster) -> Self {
+        Self { tags: tags.iter().map(|tag| Surrounded::new(tag, raster)).collect() }
+    }
+
+    /// Fits tag `index` near `start`, its corners in the order of [`Tag::corners`]. The picture's first pixel is at
+    /// `position` on the sensor whose `lens` is known. `None` if the tag is not there, or its position is uncertain.
+    pub fn fit(
+        &self,
+        picture: &Picture,
+        position: [usize; 2],
+        lens: Option<&Bearings>,
+        index: usize,
+        start: &[[f64; 2]; 4],
+    ) -> Option<FittedTag> {
+        self.tags.get(index)?.fit(picture, position, lens, start)
+    }
+}
+
+impl Surrounded {
+    fn new(tag: &Tag, raster: &Raster) -> Self {
+        let middle = tag.middle();
+        let corners = tag.corners.map(Vector2::from);
+        let half = (corners[0] - middle).amax();
+        let module = 2.0 * half / tag.side as f64;
+        // The gap ends at the next line beyond the tag.
+        let beyond = |lines: &[f64], axis: usize| {
+            let outside = |line: &f64| (line - middle[axis]).abs() - half;
+            lines.iter().map(outside).filter(|outside| *outside > 1e-3 * half).fold(f64::INFINITY, f64::min)
+        };
+        let gap = beyond(raster.x_lines(), 0).min(beyond(raster.y_lines(), 1)).min(2.0 * half);
+        let reach = half + gap + BEYOND * module;
+        let [low, high] = [-reach, reach].map(|reach| [middle.x + reach, middle.y + reach]);
+        Self {
+            corners: corners.map(|corner| (corner - middle) / half),
+            print: Print::new(raster, low, high, middle.into(), half),
+            gap: gap / half,
+        }
+    }
+
+    fn fit(
+        &self,
+        picture: &Picture,
+        position: [usize; 2],
+        lens: Option<&Bearings>,
+        start: &[[f64; 2]; 4],
+    ) -> Option<FittedTag> {
+        let corners = start.map(Vector2::from);
+        let middle = corners.iter().sum::<Vector2<f64>>() / 4.0;
+        let plane = Plane::new(lens, position, middle)?;
+        let [a, b, c, d] = corners.map(|corner| plane.place(corner));
+        let map = homography(&[a?, b?, c?, d?], &self.corners)?;
+        let pixels = self.pixels(picture, &plane, middle, &corners, &map)?;
+        let best = self.best(&pixels, map)?;
+        self.fitted(&best, &pixels, &plane, start)
+    }
+
+    /// Returns the pixels of the tag and of a strip around it.
+    fn pixels(
+        &self,
+        picture: &Picture,
+        plane: &Plane,
+        middle: Vector2<f64>,
+        corners: &[Vector2<f64>; 4],
+        map: &Matrix3<f64>,
+    ) -> Option<Vec<Pixel>> {
+        let distances = corners.map(|corner| (corner - middle).norm());
+        let half = 0.25 * distances.iter().sum::<f64>() * std::f64::consts::FRAC_1_SQRT_2;
+        let reach = 1.0 + self.gap.min(MARGIN / half);
+        let radius = distances.into_iter().fold(0.0, f64::max) * reach;
+        if !radius.is_finite() || radius < 1.0 {
+            return None;
+        }
+        let range = |middle: f64, size: usize| {
+            let first = (middle - radius).ceil().max(0.0) as usize;
+            first..((middle + radius).floor() + 1.0).clamp(first as f64, size.max(first) as f64) as usize
+        };
+        let (columns, rows) = (range(middle.x, picture.width()), range(middle.y, picture.height()));
+        let mut pixels = Vec::with_capacity(columns.len() * rows.len());
+        for y in rows {
+            for x in columns.clone() {
+                let Some((place, by_pixel)) = plane.place_of_pixel(x, y) else { continue };
+                let at = map * place.push(1.0);
+                let inside = at.z > 0.0 && at.x.abs() <= reach * at.z && at.y.abs() <= reach * at.z;
+                let Some(value) = picture.values().get(y * picture.width() + x).filter(|_| inside) else { continue };
+                let light = [1.0, (x as f64 - middle.x) / radius, (y as f64 - middle.y) / radius];
+                pixels.push(Pixel { place, by_pixel, light, value: f64::from(*value) });
+            }
+        }
+        Some(pixels)
+    }
+
+    /// Returns the best estimate from `map` on.
+    fn best(&self, pixels: &[Pixel], map: Matrix3<f64>) -> Option<Estimate> {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for pixel in pixels {
+            (low, high) = (low.min(pixel.value), high.max(pixel.value));
+        }
+        let mut light = SVector::zeros();
+        (light[0], light[3]) = (0.5 * (high - low), 0.5 * (high + low));
+        let blur = [BLUR * BLUR, 0.0, BLUR * BLUR];
+        let first = self.estimate(pixels, map, blur, light)?;
+        let mut best = Costed { cost: first.equations.cost, estimate: first };
+        let steps = minimise(
+            &mut best,
+            &SCHEDULE,
+            |_| (),
+            |estimate, (), damping| {
+                let step = estimate.equations.solve(damping)?;
+                let change = Matrix3::new(step[0], step[1], step[2], step[3], step[4], step[5], step[6], step[7], 0.0);
+                let map = estimate.map - change * estimate.map;
+                let blur = std::array::from_fn(|part| estimate.blur[part] + step[MAP + part]);
+                let light = step.fixed_rows::<LIGHT>(SHAPE).into_owned();
+                let estimate = self.estimate(pixels, map / map.norm(), blur, light)?;
+                Some(Costed { cost: estimate.equations.cost, estimate })
+            },
+        );
+        (steps < SCHEDULE.most_steps).then_some(best.estimate)
+    }
+
+    /// Sets up the equations about an estimate; `None` if it is not possible.
+    fn estimate(
+        &self,
+        pixels: &[Pixel],
+        map: Matrix3<f64>,
+        blur: [f64; 3],
+        light: SVector<f64, LIGHT>,
+    ) -> Option<Estimate> {
+        let [xx, xy, yy] = blur;
+        let (least, most) = (BLURS[0] * BLURS[0], BLURS[1] * BLURS[1]);
+        // Both eigenvalues are within the limits.
+        let within = xx > least && yy > least && (xx - least) * (yy - least) > xy * xy && xx < most && yy < most;
+        // The contrast is positive everywhere.
+        if !within || light[0] <= light[1].abs() + light[2].abs() {
+            return None;
+        }
+        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+        let mut right = SVector::<f64, UNKNOWNS>::zeros();
+        let mut squares = 0.0;
+        let mut near = NearLines::default();
+        for Pixel { place, by_pixel, light: [_, x, y], value } in pixels {
+            let at = map * place.push(1.0);
+            let inverse = 1.0 / at.z;
+            let (u, v) = (at.x * inverse, at.y * inverse);
+            let slope = |row: usize, value: f64| {
+                let (a, b) = (map[(row, 0)] - value * map[(2, 0)], map[(row, 1)] - value * map[(2, 1)]);
+                [
+                    (a * by_pixel[(0, 0)] + b * by_pixel[(1, 0)]) * inverse,
+                    (a * by_pixel[(0, 1)] + b * by_pixel[(1, 1)]) * inverse,
+                ]
+            };
+            let (p, q) = (slope(0, u), slope(1, v));
+            let product = |a: [f64; 2], b: [f64; 2]| [a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[1] * b[1]];
+            let (pp, pq, qq) = (product(p, p), product(p, q), product(q, q));
+            let across = |of: [f64; 3]| xx * of[0] + xy * of[1] + yy * of[2];
+            let shade = self.print.shade([u, v], [across(pp), across(pq), across(qq)], &mut near);
+            let b = shade.value;
+            squares += value * value;
+            let (even, form) = (light[3] + light[0] * b, [x * x, x * y, y * y]);
+            let [l0, l1, l2] = form.map(|form| even * form);
+            let of_light = [b, b * x, b * y, 1.0, *x, *y, l0, l1, l2, 1.0 - b * b];
+            if shade.by_place == [0.0; 2] {
+                add(&mut normal, &mut right, &of_light, *value);
+                continue;
+            }
+            let curved = 1.0 + light[6] * form[0] + light[7] * form[1] + light[8] * form[2];
+            let contrast = light[0] * curved + light[1] * x + light[2] * y - 2.0 * light[9] * b;
+            let [s, t] = shade.by_place.map(|slope| contrast * slope);
+            let bend = -(s * u + t * v);
+            let by_blur = |part: usize| {
+                let [of_pp, of_pq, of_qq] = shade.by_variance;
+                contrast * (of_pp * pp[part] + of_pq * pq[part] + of_qq * qq[part])
+            };
+            let row = [
+                // The map changes to (1 − step) · map.
+                -s * u,
+                -s * v,
+                -s,
+                -t * u,
+                -t * v,
+                -t,
+                -bend * u,
+                -bend * v,
+                by_blur(0),
+                by_blur(1),
+                by_blur(2),
+                b,
+                b * x,
+                b * y,
+                1.0,
+                *x,
+                *y,
+                l0,
+                l1,
+                l2,
+                1.0 - b * b,
+            ];
+            add(&mut normal, &mut right, &row, *value);
+        }
+        normal.fill_lower_triangle_with_upper_triangle();
+        let lights = normal.fixed_view::<LIGHT, LIGHT>(SHAPE, SHAPE).into_owned();
+        let best = lights.cholesky()?.solve(&right.fixed_rows::<LIGHT>(SHAPE).into_owned());
+        let cost = squares - best.dot(&right.fixed_rows::<LIGHT>(SHAPE));
+        let equations = Equations { normal, right, cost: cost.max(0.0) };
+        cost.is_finite().then_some(Estimate { map, blur, light: best, equations })
+    }
+
+    /// Returns the corners, unless they are uncertain.
+    fn fitted(&self, best: &Estimate, pixels: &[Pixel], plane: &Plane, start: &[[f64; 2]; 4]) -> Option<FittedTag> {
+        let inverse = best.map.try_inverse()?;
+        let freedom = pixels.len().checked_sub(UNKNOWNS).filter(|freedom| *freedom > 0)?;
+        let variance = best.equations.cost / freedom as f64;
+        let covariance = best.equations.covariance()? * variance;
+        let mut corners = [[0.0; 2]; 4];
+        let mut squares = 0.0;
+        for ((corner, start), at) in corners.iter_mut().zip(start).zip(&self.corners) {
+            let seen = |at: Vector2<f64>| {
+                let place = inverse * at.push(1.0);
+                plane.pixel(place.xy() / place.z)
+            };
+            let pixel = seen(*at)?;
+            if (pixel - Vector2::from(*start)).norm().is_nan() || (pixel - Vector2::from(*start)).norm() > FARTHEST {
+                return None;
+            }
+            *corner = pixel.into();
+            // Derivative of the corner in the picture by its place on the print, and of that place by the parameters.
+            let step = 1e-4;
+            let by_place = Matrix2::from_columns(&[
+                (seen(at + Vector2::new(step, 0.0))? - pixel) / step,
+                (seen(at + Vector2::new(0.0, step))? - pixel) / step,
+            ]);
+            let (u, v) = (at.x, at.y);
+            let [first, second] =
+                [[u, v, 1.0, 0.0, 0.0, 0.0, -u * u, -u * v], [0.0, 0.0, 0.0, u, v, 1.0, -u * v, -v * v]];
+            let by_map: SMatrix<f64, 2, MAP> = by_place * SMatrix::from_rows(&[first.into(), second.into()]);
+            squares += (by_map * covariance * by_map.transpose()).trace() / 2.0;
+        }
+        let residual = variance.sqrt() / (2.0 * best.light[0]);
+        let [xx, _, yy] = best.blur;
+        let fitted = FittedTag { corners, sigma: (squares / 4.0).sqrt(), blur: (0.5 * (xx + yy)).sqrt(), residual };
+        // The contrast may have become negative.
+        (fitted.sigma.is_finite() && (0.0..=MOST_RESIDUAL).contains(&residual)).then_some(fitted)
+    }
+}
+
+/// Adds an observation to the upper triangle of the normal equations. `row` are its derivatives by the last unknowns.
+fn add<const N: usize>(
+    normal: &mut SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    right: &mut SVector<f64, UNKNOWNS>,
+    row: &[f64; N],
+    value: f64,
+) {
+    let first = UNKNOWNS - N;
+    for (index, factor) in row.iter().enumerate() {
+        let column = first + index;
+        let mut into = normal.column_mut(column);
+        for (sum, other) in into.as_mut_slice()[first..=column].iter_mut().zip(row) {
+            *sum += factor * other;
+        }
+        right[column] += factor * value;
+    }
+}
+
+impl Equations {
+    /// Returns the step of map and blur, and the light after it.
+    fn solve(&self, damping: f64) -> Option<SVector<f64, UNKNOWNS>> {
+        let mut damped = self.normal;
+        for index in 0..SHAPE {
+            damped[(index, index)] *= 1.0 + damping;
+        }
+        Some(damped.cholesky()?.solve(&self.right))
+    }
+
+    /// Returns the covariance of the map for residuals of variance 1.
+    fn covariance(&self) -> Option<SMatrix<f64, MAP, MAP>> {
+        Some(self.normal.cholesky()?.inverse().fixed_view::<MAP, MAP>(0, 0).into_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests;
