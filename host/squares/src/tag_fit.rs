@@ -27,6 +27,8 @@ const BLURS: [f64; 2] = [0.15, 8.0];
 const FARTHEST: f64 = 1.0;
 /// Largest rms of the residuals, as a share of the difference between dark and light.
 const MOST_RESIDUAL: f64 = 0.1;
+/// Smallest difference between dark and light, as a share of the range of the pixels.
+const LEAST_CONTRAST: f64 = 0.25;
 const SCHEDULE: Schedule =
     Schedule { first_damping: 1e-4, smallest_damping: 1e-7, largest_damping: 1e2, most_steps: 15, smallest_gain: 1e-6 };
 
@@ -187,10 +189,7 @@ impl Surrounded {
 
     /// Returns the best estimate from `map` on.
     fn best(&self, pixels: &[Pixel], map: Matrix3<f64>) -> Option<Estimate> {
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for pixel in pixels {
-            (low, high) = (low.min(pixel.value), high.max(pixel.value));
-        }
+        let [low, high] = range(pixels);
         let mut light = SVector::zeros();
         (light[0], light[3]) = (0.5 * (high - low), 0.5 * (high + low));
         let blur = [BLUR * BLUR, 0.0, BLUR * BLUR];
@@ -333,9 +332,16 @@ impl Surrounded {
         let residual = variance.sqrt() / (2.0 * best.light[0]);
         let [xx, _, yy] = best.blur;
         let fitted = FittedTag { corners, sigma: (squares / 4.0).sqrt(), blur: (0.5 * (xx + yy)).sqrt(), residual };
-        // The contrast may have become negative.
-        (fitted.sigma.is_finite() && (0.0..=MOST_RESIDUAL).contains(&residual)).then_some(fitted)
+        let [low, high] = range(pixels);
+        let is_visible = 2.0 * best.light[0] >= LEAST_CONTRAST * (high - low);
+        (is_visible && fitted.sigma.is_finite() && (0.0..=MOST_RESIDUAL).contains(&residual)).then_some(fitted)
     }
+}
+
+/// Returns the smallest and the largest value.
+fn range(pixels: &[Pixel]) -> [f64; 2] {
+    let values = || pixels.iter().map(|pixel| pixel.value);
+    [values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 /// Adds an observation to the upper triangle of the normal equations. `row` are its derivatives by the last unknowns.

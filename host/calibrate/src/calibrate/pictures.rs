@@ -150,7 +150,7 @@ fn visit_pictures(input: &Input, visit: &mut dyn FnMut(TimedImage)) -> Result<Op
 /// one before.
 const MOST_PASSES: usize = 4;
 /// The corners of tags are final if the last change of the lens bends the sides of tags by less than this (px).
-const LEAST_BEND: f64 = 0.01;
+const LEAST_BEND: f64 = 0.002;
 
 /// Calibrates from `seen` alone; `None` if the recordings contain no frames.
 ///
