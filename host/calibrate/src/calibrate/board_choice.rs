@@ -76,14 +76,15 @@ pub struct ConfirmedBoard {
 /// the tags of the stated board are only numbered, rotated or bordered in another way, returns the board in view.
 ///
 /// # Errors
-/// [`BoardChoiceError`] if the board in view is another one, or a recording cannot be read.
+/// [`BoardChoiceError`] if the board in view is another one.
 pub fn confirm_board(board: &Board, recordings: &[&Recording]) -> Result<ConfirmedBoard, BoardChoiceError> {
     let kept = ConfirmedBoard { board: *board, note: None };
     let Board::Squares(stated) = board else { return Ok(kept) };
     for recording in recordings {
-        // Without a known sensor the recording cannot be calibrated, for a reason that is reported later.
+        // A recording without a known sensor, or one that contains no events, is reported when it is calibrated.
         let Ok(sensor) = sensor_of(recording) else { continue };
-        match compare(recording, sensor, stated).map_err(SearchError::from)? {
+        let Ok(compared) = compare(recording, sensor, stated) else { continue };
+        match compared {
             StatedBoard::Kept => {}
             StatedBoard::DoubtfulRatio(ratio) => {
                 let note = format!("{}: measure both lengths of {stated} again", ratio_in_words(&ratio));
