@@ -8,7 +8,6 @@ pub mod misfit;
 pub mod poses;
 pub mod residual_map;
 pub mod split_half;
-pub mod two_images;
 pub mod uncertainty;
 pub mod verdict;
 
@@ -26,7 +25,6 @@ use crate::quality::misfit::{Misfit, misfit, with_misfit};
 use crate::quality::residual_map::histogram::{ClassResiduals, class_residuals};
 use crate::quality::residual_map::{ResidualMap, residual_map};
 use crate::quality::split_half::{SplitHalf, split_half};
-use crate::quality::two_images::{TwoImages, two_images};
 use crate::quality::uncertainty::parts::ProjectionParts;
 use crate::quality::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 use crate::quality::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
@@ -62,8 +60,6 @@ pub struct EventQuality {
     pub split_half: Option<SplitHalf>,
     /// A change of the lens or the board within the recordings; `None` if there is none.
     pub drift: Option<Drift>,
-    /// Two images in the stream of events; `None` if there is one.
-    pub two_images: Option<TwoImages>,
     /// The residuals over the sensor.
     pub residuals: ResidualMap,
     /// The residuals of each event class.
@@ -169,7 +165,6 @@ pub fn examine(
         bias_sigma,
         split_half,
         drift,
-        two_images: two_images(of_events, problem.sensor),
         residuals,
         classes,
         ranks,

@@ -1,8 +1,7 @@
-//! Findings on a lens or a board that changed within the recordings, and on two images in one recording.
+//! The finding on a lens or a board that changed within the recordings.
 
 use super::input::Input;
 use crate::quality::drift::{Change, Changed, Drift};
-use crate::quality::two_images::TwoImages;
 use crate::quality::verdict::board_statement::with_sigma;
 use crate::quality::verdict::{Cause, Finding, Severity};
 
@@ -47,20 +46,6 @@ pub(super) fn finding_on(inputs: &[Input], drift: &Drift, good: f64) -> Finding 
 fn name(input: &Input, inputs: &[Input]) -> String {
     let short = input.short_name();
     if inputs.iter().filter(|other| other.short_name() == short).count() > 1 { input.name() } else { short }
-}
-
-/// Returns the finding on two images in one stream.
-pub(super) fn finding_on_two_images(images: TwoImages) -> Finding {
-    Finding {
-        cause: Cause::TwoImages,
-        severity: Severity::Failure,
-        reason: format!(
-            "edges appear twice, {:.1} px from each other, in {:.0} % of the events: two boards or two cameras move in these events",
-            images.distance,
-            100.0 * images.share
-        ),
-        advice: "were the events of two cameras merged? Calibrate from the events of each camera alone".into(),
-    }
 }
 
 /// Describes the changes of the lens; the most significant one if none is certain.

@@ -59,7 +59,6 @@ pub(super) fn examine_calibration(
     let (mut findings, cross_check) = findings(task, seen, &refined.state, cross_check);
     let good = task.settings.verdict.good;
     findings.extend(event_quality.drift.as_ref().map(|drift| changed::finding_on(task.inputs, drift, good)));
-    findings.extend(event_quality.two_images.map(changed::finding_on_two_images));
     let camera = &refined.state.camera;
     let settings = &task.settings.verdict;
     let verdict = verdict(camera, &quality, Some(&event_quality), task.board, seen.sensor, findings, settings);

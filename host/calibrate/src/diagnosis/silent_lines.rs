@@ -384,7 +384,8 @@ mod tests {
 
     #[test]
     fn a_silent_area_is_named() {
-        let cases: [(fn(u16, u16) -> bool, &str); 7] = [
+        type IsActive = fn(u16, u16) -> bool;
+        let cases: [(IsActive, &str); 7] = [
             (|_, y| y < 130, "the lower half of the sensor sends nothing (rows 130 to 259 of 260)"),
             (|_, y| y >= 130, "the upper half of the sensor sends nothing (rows 0 to 129 of 260)"),
             (|x, _| x < 173, "the right half of the sensor sends nothing (columns 173 to 345 of 346)"),

@@ -110,8 +110,6 @@ pub enum Cause {
     LensChanged,
     /// The board changed within the recordings.
     BoardChanged,
-    /// Edges appear twice, as in the events of two cameras.
-    TwoImages,
     /// The recording contains events more than once.
     RepeatedEvents,
     /// The lens is out of focus, or dirty.
@@ -220,8 +218,7 @@ pub fn verdict(
 /// If the lens or the board changed, this is the cause of an uncertain projection, of residuals and of halves that differ, whatever is
 /// recorded: their severity passes to the change, and the others are removed.
 fn name_the_change(findings: &mut Vec<Finding>) {
-    let is_change =
-        |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged | Cause::TwoImages);
+    let is_change = |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged);
     let follows =
         |finding: &Finding| matches!(finding.cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);
     let of_consequences = findings.iter().filter(|finding| follows(finding)).map(|finding| finding.severity).max();
