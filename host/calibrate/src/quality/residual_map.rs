@@ -1,6 +1,7 @@
 //! Systematic residuals over the sensor.
 //!
-//! The sensor is divided into cells. The residual of an event measures a displacement only across its edge: r = n · d + m, with
+//! The sensor, without its outermost pixels, is divided into cells of one size. (A narrower row of cells would count as much as the
+//! others, and the outermost pixels are often odd: one of their neighbours is missing.) The residual of an event measures a displacement only across its edge: r = n · d + m, with
 //! the edge's unit normal n, the displacement d of the image in the cell, and the outward shift m of the events all around the
 //! dots. Both are estimated in each cell by weighted least squares. d is the error of a lens model that cannot follow the lens;
 //! in the mean of r it would cancel over edges of all directions. m is the error that the event biases leave.
@@ -19,8 +20,10 @@ use crate::solve::observation_range::{EventResidual, PointResidual, point_residu
 use crate::solve::{Problem, State};
 use evcal_geometry::numerics::huber::huber;
 
-/// Number of columns of square cells; the number of rows follows.
+/// Number of columns of cells; the number of rows follows, so that the cells are nearly square.
 const COLUMNS: usize = 16;
+/// Number of pixels along each border of the sensor that belong to no cell.
+const BORDER: u16 = 1;
 /// Time within which events may have errors in common (s): standard errors are computed for sums over such blocks.
 const BLOCK: f64 = 0.05;
 /// Fewest blocks with observations in a cell from which a displacement is estimated.
@@ -32,6 +35,9 @@ const SUSPICIOUS: [f64; 2] = [0.002, 1.2];
 /// Displacements above which the calibration is doubtful although no other model is better: size without the part that
 /// noise explains (px, rms), and ratio to the size that noise causes.
 const CONDEMNING: [f64; 2] = [0.008, 1.5];
+
+/// Left and upper side of the first cell (px).
+const FIRST: f64 = BORDER as f64 - 0.5;
 
 /// One scalar residual: r = row · (d, m).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,8 +58,8 @@ pub struct ResidualMap {
     pub columns: usize,
     /// Rows of cells.
     pub rows: usize,
-    /// Side of a cell (px). The outermost ones may reach beyond the sensor.
-    pub cell: f64,
+    /// Width and height of a cell (px).
+    pub cell: [f64; 2],
     /// The cells, row by row.
     pub cells: Vec<CellResiduals>,
     /// Summary of all cells.
@@ -64,9 +70,10 @@ impl ResidualMap {
     /// Returns left, top, right and bottom of each cell in pixels.
     pub fn places(&self) -> impl Iterator<Item = [f64; 4]> {
         (0..self.rows * self.columns).map(|index| {
-            let left = (index % self.columns) as f64 * self.cell - 0.5;
-            let top = (index / self.columns) as f64 * self.cell - 0.5;
-            [left, top, left + self.cell, top + self.cell]
+            let [width, height] = self.cell;
+            let left = (index % self.columns) as f64 * width + FIRST;
+            let top = (index / self.columns) as f64 * height + FIRST;
+            [left, top, left + width, top + height]
         })
     }
 }
@@ -101,7 +108,7 @@ pub struct Displacement {
 pub struct ResidualPattern {
     /// Cells with a displacement.
     pub cells: usize,
-    /// Root mean square displacement over the cells, with the part that noise explains subtracted (px).
+    /// Root mean square displacement over the pixels of the cells, with the part that noise explains subtracted (px).
     pub shift: f64,
     /// Root mean square displacement in units of its standard error: 1 if it is noise alone.
     pub shift_ratio: f64,
@@ -224,17 +231,35 @@ fn inverse(normal: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     (information.min() >= WEAKEST * information.max()).then_some(inverse)
 }
 
+/// Division of a sensor into [`COLUMNS`] × `rows` cells.
+struct Cells {
+    rows: usize,
+    /// Width and height of a cell (px).
+    cell: [f64; 2],
+}
+
+impl Cells {
+    fn of(sensor: Sensor) -> Self {
+        let inner = |pixels: u16| f64::from(pixels.saturating_sub(2 * BORDER).max(1));
+        let (inner_width, inner_height) = (inner(sensor.width), inner(sensor.height));
+        let width = inner_width / COLUMNS as f64;
+        let rows = (inner_height / width).round().max(1.0);
+        Self { rows: rows as usize, cell: [width, inner_height / rows] }
+    }
+}
+
 /// Builds the map from the observations that every call of `observations` returns in order of time.
 fn map_of<O: Iterator<Item = Observation>>(sensor: Sensor, observations: impl Fn() -> O) -> ResidualMap {
-    let cell = f64::from(sensor.width.max(1)) / COLUMNS as f64;
-    let rows = (f64::from(sensor.height.max(1)) / cell).ceil().max(1.0) as usize;
+    let Cells { rows, cell } = Cells::of(sensor);
     let index_of = |pixel: [f64; 2]| {
-        let [column, row] = pixel.map(|coordinate| ((coordinate + 0.5) / cell).max(0.0) as usize);
-        row.min(rows - 1) * COLUMNS + column.min(COLUMNS - 1)
+        let [x, y] = pixel.map(|coordinate| coordinate - FIRST);
+        let (column, row) = ((x / cell[0]).floor(), (y / cell[1]).floor());
+        let is_inside = column >= 0.0 && row >= 0.0 && column < COLUMNS as f64 && row < rows as f64;
+        is_inside.then_some(row as usize * COLUMNS + column as usize)
     };
     let mut sums = vec![CellSums::default(); COLUMNS * rows];
     for observation in observations() {
-        let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
+        let Some(sums) = index_of(observation.pixel).and_then(|index| sums.get_mut(index)) else { continue };
         let weighted = observation.row * observation.weight;
         sums.count += 1;
         sums.square += observation.residual * observation.residual;
@@ -245,7 +270,7 @@ fn map_of<O: Iterator<Item = Observation>>(sensor: Sensor, observations: impl Fn
         sums.estimate = inverse(&sums.normal).map(|inverse| (inverse, inverse * sums.right));
     }
     for observation in observations() {
-        let Some(sums) = sums.get_mut(index_of(observation.pixel)) else { continue };
+        let Some(sums) = index_of(observation.pixel).and_then(|index| sums.get_mut(index)) else { continue };
         let Some((_, estimate)) = sums.estimate else { continue };
         let block = (observation.t / BLOCK).floor() as i64;
         if sums.block != Some(block) {
@@ -257,49 +282,59 @@ fn map_of<O: Iterator<Item = Observation>>(sensor: Sensor, observations: impl Fn
     }
     sums.iter_mut().for_each(CellSums::end_block);
     let cells: Vec<CellResiduals> = sums.iter().map(|sums| sums.residuals()).collect();
-    let pattern = pattern(&cells);
+    let mut pixels = vec![0_usize; cells.len()];
+    for (y, x) in (0..sensor.height).flat_map(|y| (0..sensor.width).map(move |x| (y, x))) {
+        if let Some(count) = index_of([x, y].map(f64::from)).and_then(|index| pixels.get_mut(index)) {
+            *count += 1;
+        }
+    }
+    let pattern = pattern(cells.iter().zip(pixels));
     ResidualMap { columns: COLUMNS, rows, cell, cells, pattern }
 }
 
-fn pattern(cells: &[CellResiduals]) -> ResidualPattern {
+/// Summarises cells, each with its number of pixels. A cell counts as much as it has pixels.
+fn pattern<'a>(cells: impl Iterator<Item = (&'a CellResiduals, usize)>) -> ResidualPattern {
     let mut shift = MeanSquare::default();
     let mut outward = MeanSquare::default();
-    for cell in cells {
+    for (cell, pixels) in cells {
         let Some(displacement) = cell.displacement else { continue };
         let Some(information) = displacement.covariance.try_inverse() else { continue };
         let Displacement { shift: d, covariance, .. } = displacement;
         // Hotelling's T² of n blocks in p dimensions has the mean p (n − 1) / (n − p − 2).
         let blocks = cell.blocks as f64;
         let share = |dimensions: f64| (blocks - dimensions - 2.0) / (dimensions * (blocks - 1.0));
-        shift.add(d.norm_squared() - covariance.trace(), d.dot(&(information * d)) * share(2.0));
+        shift.add(pixels, d.norm_squared() - covariance.trace(), d.dot(&(information * d)) * share(2.0));
         if let Some((mean, sigma)) = displacement.outward
             && sigma > 0.0
         {
-            outward.add(mean * mean - sigma * sigma, (mean / sigma).powi(2) * share(1.0));
+            outward.add(pixels, mean * mean - sigma * sigma, (mean / sigma).powi(2) * share(1.0));
         }
     }
     let ((shift_pixels, shift_ratio), (outward_pixels, outward_ratio)) = (shift.roots(), outward.roots());
     ResidualPattern { cells: shift.count, shift: shift_pixels, shift_ratio, outward: outward_pixels, outward_ratio }
 }
 
-/// Mean squares of a quantity over the cells: beyond noise, and in units of its standard error.
+/// Mean squares of a quantity over the pixels of cells: beyond noise, and in units of its standard error.
 #[derive(Default)]
 struct MeanSquare {
     count: usize,
+    pixels: f64,
     beyond_noise: f64,
     ratio: f64,
 }
 
 impl MeanSquare {
-    fn add(&mut self, beyond_noise: f64, ratio: f64) {
+    fn add(&mut self, pixels: usize, beyond_noise: f64, ratio: f64) {
+        let pixels = pixels as f64;
         self.count += 1;
-        self.beyond_noise += beyond_noise;
-        self.ratio += ratio;
+        self.pixels += pixels;
+        self.beyond_noise += pixels * beyond_noise;
+        self.ratio += pixels * ratio;
     }
 
     fn roots(&self) -> (f64, f64) {
-        let count = self.count.max(1) as f64;
-        ((self.beyond_noise.max(0.0) / count).sqrt(), (self.ratio / count).sqrt())
+        let pixels = self.pixels.max(1.0);
+        ((self.beyond_noise.max(0.0) / pixels).sqrt(), (self.ratio / pixels).sqrt())
     }
 }
 

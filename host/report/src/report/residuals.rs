@@ -75,7 +75,7 @@ pub fn displacement_map(calibrated: &Calibrated) -> Markup {
         return html! {};
     }
     let longest = shifts.iter().map(|(_, displacement)| displacement.shift.norm()).fold(0.0, f64::max);
-    let enlarged = round_down(0.9 * map.cell / longest.max(1e-9));
+    let enlarged = round_down(0.9 * map.cell[0].min(map.cell[1]) / longest.max(1e-9));
     let arrows = shifts.iter().map(|([left, top, right, bottom], displacement)| {
         let along = displacement.shift * enlarged;
         ([0.5 * (left + right) - 0.5 * along.x, 0.5 * (top + bottom) - 0.5 * along.y], along.into())
