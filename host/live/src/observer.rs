@@ -21,8 +21,6 @@ use evcal_calibrate::settings::LiveSettings;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::homography;
 
-/// Number of chunks that are searched at once: a fifth of a second with the default settings.
-const CHUNKS_TOGETHER: usize = 2;
 /// Interval between summaries of the coverage (s of the sensor's clock); each summary processes all views.
 const SUMMARY: f64 = 0.5;
 /// Time over which the board's motion is assumed linear (s): long enough to average the noise of its outline.
@@ -201,7 +199,7 @@ impl<'a> Observer<'a> {
         self.health.push(events);
         self.explainer.push(events, &self.board, self.sensor, self.detection);
         self.stage.push(events);
-        let is_due = self.stage.waiting_chunks() >= CHUNKS_TOGETHER;
+        let is_due = self.stage.is_due();
         if is_due {
             self.search();
         }

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 
 use crate::health::noise::NoiseMeter;
 use evcal_calibrate::circles::reference_frame::UnorderedFrame;
-use evcal_calibrate::detection::other_board::{OtherReading, other_reading};
+use evcal_calibrate::detection::other_board::{OtherReading, find_other_board, other_reading};
 use evcal_calibrate::detection::pictures::settings::PictureSettings;
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_calibrate::detection::still_views::search::search_views;
@@ -16,11 +16,12 @@ use evcal_calibrate::detection::still_views::{StillView, StillViews};
 use evcal_calibrate::detection::{CircleWindow, DetectionReport, DetectionStage, NoCircle};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
+use event_recordings::{Recording, RecordingOptions};
 
 /// Time without the board after which its absence is explained, and the interval between explanations (s).
 const PATIENCE: f64 = 1.0;
 /// Length of the analysed moment (s), and its largest number of events.
-const MOMENT: f64 = 0.3;
+const MOMENT: f64 = 0.5;
 const MOST_EVENTS: usize = 1_000_000;
 /// Event rate below which there are hardly any events, in events per second.
 const FEWEST_EVENTS: f64 = 1000.0;
@@ -96,9 +97,12 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
     if (events.len() as f64) < FEWEST_EVENTS * duration.max(MOMENT) {
         return Explanation { obstacle: Obstacle::NoEvents, circles: Vec::new() };
     }
-    let Board::Circles(board) = board else {
-        let is_slow = share_at_rest(events, duration, sensor) > MOSTLY;
-        let obstacle = if is_slow { Obstacle::TooSlow } else { Obstacle::NoSquares };
+    let is_slow = || share_at_rest(events, duration, sensor) > MOSTLY;
+    let Board::Circles(circles) = board else {
+        let obstacle = match is_slow() {
+            true => Obstacle::TooSlow,
+            false => other_board(events, board, sensor, settings).unwrap_or(Obstacle::NoSquares),
+        };
         return Explanation { obstacle, circles: Vec::new() };
     };
     let search = |fewest: usize| {
@@ -106,18 +110,25 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
         stage.push(events);
         stage.into_circles()
     };
-    let (whole, report) = search(board.circle_count().div_ceil(2));
+    let (whole, report) = search(circles.circle_count().div_ceil(2));
     if whole.len() >= FEWEST_WINDOWS {
-        return Explanation { obstacle: of_whole(&whole, &report, board, sensor), circles: fullest(whole) };
+        return Explanation { obstacle: of_whole(&whole, &report, circles, sensor), circles: fullest(whole) };
     }
     let (parts, report) = search(FEWEST_CIRCLES);
     let obstacle = match parts.len() >= FEWEST_WINDOWS {
         true => of_parts(&parts, &report, sensor),
-        false if share_at_rest(events, duration, sensor) > MOSTLY => Obstacle::TooSlow,
+        false if is_slow() => Obstacle::TooSlow,
         false if are_small(&parts, &report) => Obstacle::TooFar,
-        false => Obstacle::NoCircles,
+        false => other_board(events, board, sensor, settings).unwrap_or(Obstacle::NoCircles),
     };
     Explanation { obstacle, circles: fullest(parts) }
+}
+
+/// Returns the board that these events show, if it is another one.
+fn other_board(events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) -> Option<Obstacle> {
+    let options = RecordingOptions { sensor: Some(sensor), ..RecordingOptions::default() };
+    let moment = Recording::from_events("live", events.to_vec(), options);
+    find_other_board(&moment, sensor, board, settings).ok()?.map(Obstacle::OtherBoard)
 }
 
 /// Interprets windows with at least half as many circles as the board.

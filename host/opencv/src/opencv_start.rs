@@ -9,7 +9,9 @@ use nalgebra::Vector2;
 use evcal_calibrate::initial::{BoardPoint, InitialSettings, MAX_START_RMS, OpencvStart};
 use evcal_geometry::numerics::statistics::median;
 
-use crate::{Intrinsics, OpencvCalibration, OpencvError, PinholeDistortion, View, calibrate_fisheye, calibrate_pinhole};
+use crate::{
+    Intrinsics, OpencvCalibration, OpencvError, PinholeDistortion, View, calibrate_fisheye, calibrate_pinhole,
+};
 
 /// Largest number of times that the worst views are excluded.
 const RETRIES: usize = 3;

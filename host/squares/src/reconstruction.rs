@@ -40,12 +40,24 @@ pub struct ReconstructionOptions {
     /// Limit of the integral of a pixel in OFF thresholds, so that a hot pixel, or a pixel that missed events, soon
     /// returns to normal.
     pub limit: f32,
+    /// Longest time in seconds after a moment whose events count, at least one interval. If it is shorter than three time constants,
+    /// the picture is ready sooner, and its edges lag behind their motion.
+    pub look_ahead: f64,
+    /// Largest number of pictures that are computed at once, at least one. More cost less time each, and arrive later.
+    pub at_once: usize,
 }
 
 impl ReconstructionOptions {
     /// Returns options for a picture every 20 ms, with time constants for medium, slow and fast motion.
     pub fn new(sensor: Sensor) -> Self {
-        Self { sensor, interval: 20_000, time_constants: vec![0.1, 0.3, 0.05], limit: 6.0 }
+        let time_constants = vec![0.1, 0.3, 0.05];
+        Self { sensor, interval: 20_000, time_constants, limit: 6.0, look_ahead: f64::INFINITY, at_once: usize::MAX }
+    }
+
+    /// Returns options for pictures that a person waits for: every 40 ms, each at most 80 ms after its moment.
+    pub fn live(sensor: Sensor) -> Self {
+        let time_constants = vec![0.05, 0.1];
+        Self { interval: 40_000, time_constants, look_ahead: 0.08, at_once: 1, ..Self::new(sensor) }
     }
 }
 
@@ -84,7 +96,7 @@ impl Change {
 }
 
 /// Reconstructs pictures from a stream of events. Pictures are returned up to six times the longest τ after their
-/// moment; memory grows with the events of that time, not with the length of the recording.
+/// moment, unless the options limit it; memory grows with the events of that time, not with the length of the recording.
 pub struct Reconstruction {
     options: ReconstructionOptions,
     bands: Vec<Band>,
@@ -104,16 +116,12 @@ impl Reconstruction {
     /// Creates a reconstruction at the beginning of a stream. Options out of range are clamped.
     pub fn new(mut options: ReconstructionOptions) -> Self {
         options.interval = options.interval.max(1);
-        let interval = f64::from(options.interval) * 1e-6;
         let size = usize::from(options.sensor.width) * usize::from(options.sensor.height);
-        let bands: Vec<Band> = options
-            .time_constants
-            .iter()
-            .map(|&tau| Band::new(tau.clamp(1e-3, 100.0), interval, options.limit, size))
-            .collect();
+        let bands: Vec<Band> =
+            options.time_constants.iter().map(|&tau| Band::new(tau.clamp(1e-3, 100.0), &options, size)).collect();
         let reach = bands.iter().map(|band| band.reach).max().unwrap_or(1);
         let picture_bytes = size.saturating_mul(size_of::<f32>() * bands.len()).max(1);
-        let block = (BLOCK_BYTES / picture_bytes).clamp(1, reach);
+        let block = (BLOCK_BYTES / picture_bytes).min(options.at_once).clamp(1, reach);
         Self { options, bands, start: None, intervals: VecDeque::new(), current: Vec::new(), block, reach }
     }
 
@@ -215,13 +223,14 @@ struct Band {
 }
 
 impl Band {
-    fn new(tau: f64, interval: f64, limit: f32, size: usize) -> Self {
+    fn new(tau: f64, options: &ReconstructionOptions, size: usize) -> Self {
+        let interval = f64::from(options.interval) * 1e-6;
         let growth = |slot: usize| libm::exp((slot as f64 + 0.5) / f64::from(SLOTS) * interval / tau) as f32;
         Self {
-            reach: ((REACH * tau / interval).ceil() as usize).max(1),
+            reach: (((REACH * tau).min(options.look_ahead) / interval).ceil() as usize).max(1),
             growth: std::array::from_fn(growth),
             leak: libm::exp(-interval / tau) as f32,
-            limit: limit.max(0.0),
+            limit: options.limit.max(0.0),
             past: vec![0.0; size],
         }
     }

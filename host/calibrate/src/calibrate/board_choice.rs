@@ -1,8 +1,8 @@
 //! The board of a calibration: named by the user, or recognised in the recordings.
 
 use super::input::Input;
-use crate::detection::other_board::OtherReading;
 use crate::detection::layout::{RecognisedLayout, find_layout};
+use crate::detection::other_board::OtherReading;
 use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;

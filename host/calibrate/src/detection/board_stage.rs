@@ -3,18 +3,18 @@
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
+use evcal_squares::reconstruction::ReconstructionOptions;
 
 use super::settings::DetectionSettings;
-use super::squares::{INTERVAL, SquareStage};
+use super::squares::SquareStage;
 use super::unplaced::UnplacedWindows;
 use super::{DetectionReport, DetectionStage};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 
-/// Interval of the pictures that are searched for squares while a camera sends events (s), longer than the time of a search.
-const LIVE_INTERVAL: f64 = 0.04;
-/// Number of pictures per chunk of a tenth of a second.
-const PICTURES_IN_CHUNK: usize = 2;
+/// Number of chunks of events that are searched at once for circles while a camera sends events: a fifth of a second with the default
+/// settings.
+const CHUNKS_TOGETHER: usize = 2;
 
 /// Searches the events of a recording, batch by batch, for a board of any kind.
 pub enum BoardStage<'a> {
@@ -27,26 +27,25 @@ pub enum BoardStage<'a> {
 impl<'a> BoardStage<'a> {
     /// Creates a search for `board` in recording number `recording`.
     pub fn new(board: &Board, settings: &'a DetectionSettings, sensor: Sensor, recording: usize) -> Self {
-        Self::with_interval(board, settings, sensor, recording, INTERVAL)
+        Self::with_pictures(board, settings, ReconstructionOptions::new(sensor), recording)
     }
 
     /// Creates a search in the events of a live camera.
     pub fn live(board: &Board, settings: &'a DetectionSettings, sensor: Sensor) -> Self {
-        Self::with_interval(board, settings, sensor, 0, LIVE_INTERVAL)
+        Self::with_pictures(board, settings, ReconstructionOptions::live(sensor), 0)
     }
 
-    fn with_interval(
+    fn with_pictures(
         board: &Board,
         settings: &'a DetectionSettings,
-        sensor: Sensor,
+        pictures: ReconstructionOptions,
         recording: usize,
-        interval: f64,
     ) -> Self {
         match board {
             Board::Circles(board) => {
-                Self::Circles(Box::new(DetectionStage::for_board(settings, sensor, board.pattern, recording)))
+                Self::Circles(Box::new(DetectionStage::for_board(settings, pictures.sensor, board.pattern, recording)))
             }
-            Board::Squares(board) => Self::Squares(Box::new(SquareStage::new(board, sensor, recording, interval))),
+            Board::Squares(board) => Self::Squares(Box::new(SquareStage::new(board, pictures, recording))),
         }
     }
 
@@ -58,11 +57,11 @@ impl<'a> BoardStage<'a> {
         }
     }
 
-    /// Returns the number of chunks that wait for the search; a chunk is a tenth of a second, unless the settings change it.
-    pub fn waiting_chunks(&self) -> usize {
+    /// Returns `true` if enough waits for a search while a camera sends events.
+    pub fn is_due(&self) -> bool {
         match self {
-            Self::Circles(stage) => stage.waiting_chunks(),
-            Self::Squares(stage) => stage.waiting_pictures() / PICTURES_IN_CHUNK,
+            Self::Circles(stage) => stage.waiting_chunks() >= CHUNKS_TOGETHER,
+            Self::Squares(stage) => stage.has_waiting_pictures(),
         }
     }
 

@@ -20,8 +20,6 @@ use super::square_finder::{FoundBoard, SquareFinder};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 
-/// Interval of the pictures (s).
-pub(super) const INTERVAL: f64 = 0.02;
 /// Number of moments that are searched together.
 const TOGETHER: usize = 16;
 /// Longest time over which the last position of the board predicts its position (s).
@@ -41,7 +39,8 @@ pub struct SquareStage {
     reconstruction: Reconstruction,
     finder: SquareFinder,
     recording: usize,
-    interval: f64,
+    /// Half of the interval of the pictures (s).
+    half_interval: f64,
     waiting: Vec<Moment>,
     frames: Vec<CompactFrame>,
     /// Last detection and its time (s).
@@ -51,14 +50,13 @@ pub struct SquareStage {
 }
 
 impl SquareStage {
-    /// Creates a search for `board` in recording number `recording`, with one picture every `interval` (s).
-    pub fn new(board: &SquareBoard, sensor: Sensor, recording: usize, interval: f64) -> Self {
-        let options = ReconstructionOptions { interval: (interval * 1e6) as u32, ..ReconstructionOptions::new(sensor) };
+    /// Creates a search for `board` in the pictures of recording number `recording`.
+    pub fn new(board: &SquareBoard, options: ReconstructionOptions, recording: usize) -> Self {
         Self {
+            half_interval: 0.5e-6 * f64::from(options.interval),
             reconstruction: Reconstruction::new(options),
             finder: SquareFinder::new(board),
             recording,
-            interval,
             waiting: Vec::new(),
             frames: Vec::new(),
             last: None,
@@ -77,9 +75,9 @@ impl SquareStage {
         }
     }
 
-    /// Returns the number of pictures that wait for the search.
-    pub fn waiting_pictures(&self) -> usize {
-        self.waiting.len()
+    /// Returns `true` if pictures wait for the search.
+    pub fn has_waiting_pictures(&self) -> bool {
+        !self.waiting.is_empty()
     }
 
     /// Searches the waiting pictures, and returns the frames found since the last call in order of time.
@@ -149,11 +147,10 @@ impl SquareStage {
             radius: None,
             velocity: None,
         };
-        let half = 0.5 * self.interval;
         ReferenceFrame {
             recording: self.recording,
-            start: t - half,
-            end: t + half,
+            start: t - self.half_interval,
+            end: t + self.half_interval,
             circles: board.points.iter().map(circle).collect(),
             seen_in: grey(moment).map_or(SeenIn::PassedEvents, SeenIn::Reconstruction),
         }
@@ -184,7 +181,7 @@ mod tests {
 
     fn found_after(reason: NoBoard, refused: u64) -> (usize, u64) {
         let board = "checkerboard:3x4:30mm".parse().unwrap();
-        let mut stage = SquareStage::new(&board, Sensor::new(40, 30), 0, INTERVAL);
+        let mut stage = SquareStage::new(&board, ReconstructionOptions::new(Sensor::new(40, 30)), 0);
         let frame = |t: f64| ReferenceFrame {
             recording: 0,
             start: t,

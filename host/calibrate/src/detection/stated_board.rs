@@ -100,7 +100,8 @@ pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> R
 fn of_ratio(stated: &SquareBoard, measured: f64) -> StatedBoard {
     let (given, board) = match stated {
         SquareBoard::Tags(grid) => {
-            let spacing = rounded(measured, if (measured - rounded(measured, 20.0)).abs() < WRONG_RATIO { 20.0 } else { 100.0 });
+            let spacing =
+                rounded(measured, if (measured - rounded(measured, 20.0)).abs() < WRONG_RATIO { 20.0 } else { 100.0 });
             (grid.spacing, SquareBoard::Tags(TagGrid { spacing, ..*grid }))
         }
         SquareBoard::Charuco(board) => {
@@ -136,7 +137,8 @@ fn is_variant(board: &SquareBoard, stated: &SquareBoard) -> bool {
     match (board, stated) {
         (SquareBoard::Tags(a), SquareBoard::Tags(b)) => {
             let TagGrid { dictionary, border, first_id, order, turn, .. } = *a;
-            dictionary.family == b.dictionary.family && *a == TagGrid { dictionary, border, first_id, order, turn, ..*b }
+            dictionary.family == b.dictionary.family
+                && *a == TagGrid { dictionary, border, first_id, order, turn, ..*b }
         }
         (SquareBoard::Charuco(a), SquareBoard::Charuco(b)) => *a == Charuco { layout: a.layout, ..*b },
         _ => false,

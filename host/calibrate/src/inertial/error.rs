@@ -100,7 +100,9 @@ pub enum InertialError {
         what: &'static str,
     },
     /// Units were stated for samples whose format determines them.
-    #[error("{file} is not a recording of messages, and its format determines the units of the IMU samples: do not state them")]
+    #[error(
+        "{file} is not a recording of messages, and its format determines the units of the IMU samples: do not state them"
+    )]
     UnitsOfFormat {
         /// The recording.
         file: String,
@@ -191,7 +193,11 @@ impl InertialError {
 }
 
 fn remedy(of_file: bool) -> &'static str {
-    if of_file { ": state their unit in the header of the file" } else { ", which is not the unit of the recording's format" }
+    if of_file {
+        ": state their unit in the header of the file"
+    } else {
+        ", which is not the unit of the recording's format"
+    }
 }
 
 /// Acceleration of the camera, as a share of gravity, from which the motion is the likely cause.

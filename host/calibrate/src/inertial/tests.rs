@@ -253,7 +253,9 @@ fn samples_that_share_timestamps_are_used_and_leave_the_delay_open() {
             group.iter_mut().for_each(|sample| sample.t = stamp);
         }
         let found = bench.calibrated(None).unwrap();
-        let [Finding::Groups { samples, delay, .. }] = found.findings.as_slice() else { panic!("{:?}", found.findings) };
+        let [Finding::Groups { samples, delay, .. }] = found.findings.as_slice() else {
+            panic!("{:?}", found.findings)
+        };
         assert_eq!((*samples, found.used), (size, own.used), "{size}");
         assert_eq!(grade(&found), Grade::Usable);
         assert!((delay - own.parameters.gyroscope_delay - 1e-3).abs() < 1e-4, "{size}: {delay}");

@@ -132,14 +132,16 @@ fn in_groups(samples: &[Sample]) -> Option<Ordered> {
     let steps: Vec<f64> = stamps.iter().zip(stamps.iter().skip(1)).map(|(before, after)| after - before).collect();
     let interval = median(&mut steps.clone(), f64::total_cmp).filter(|interval| *interval > 0.0)?;
     let alike = sizes.iter().filter(|one| **one == size).count() as f64 >= ALIKE * sizes.len() as f64;
-    let regular = steps.iter().filter(|step| is_multiple(**step, interval)).count() as f64 >= ALIKE * steps.len() as f64;
+    let regular =
+        steps.iter().filter(|step| is_multiple(**step, interval)).count() as f64 >= ALIKE * steps.len() as f64;
     if size < 2 || groups.len() < FEWEST.div_ceil(size) || !alike || !regular {
         return None;
     }
     let apart = interval / size as f64;
     let spread = groups.iter().filter(|group| group.len() <= size).flat_map(|group| {
         let last = group.len() - 1;
-        let place = move |(index, sample): (usize, &Sample)| Sample { t: sample.t - apart * (last - index) as f64, ..*sample };
+        let place =
+            move |(index, sample): (usize, &Sample)| Sample { t: sample.t - apart * (last - index) as f64, ..*sample };
         group.iter().enumerate().map(place)
     });
     Some(Ordered { samples: rising(spread), timing: Timing::Groups { samples: size, interval } })
@@ -333,7 +335,11 @@ mod tests {
         given.iter_mut().for_each(|sample| sample.t += (4e-3 * normal(&mut random)).abs());
         given.retain(|_| uniform_in(&mut random, 0.0, 1.0) > 0.3);
         let found = ordered(given.clone());
-        assert!(matches!(found.timing, Timing::Sorted { scatter } if (1e-3..4e-3).contains(&scatter)), "{:?}", found.timing);
+        assert!(
+            matches!(found.timing, Timing::Sorted { scatter } if (1e-3..4e-3).contains(&scatter)),
+            "{:?}",
+            found.timing
+        );
         assert_eq!(found.samples.len(), given.len());
         assert!(found.samples.is_sorted_by(|a, b| a.t < b.t));
     }

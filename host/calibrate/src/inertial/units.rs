@@ -16,7 +16,9 @@ pub struct MessageUnits {
 
 /// Error: a text does not name units.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{given:?} is not a unit of accelerations (g, m_s2) or angular velocities (deg_s, rad_s); write for example g,deg_s")]
+#[error(
+    "{given:?} is not a unit of accelerations (g, m_s2) or angular velocities (deg_s, rad_s); write for example g,deg_s"
+)]
 pub struct UnknownUnit {
     given: String,
 }

@@ -216,6 +216,44 @@ fn a_cut_off_board_is_reported() {
     assert_eq!(found.obstacle, Obstacle::CutOff, "{:?}", found.circles);
 }
 
+/// Boards of squares are found as soon as they are in view, their outline is current, and there is a camera to guide with.
+#[test]
+fn boards_of_squares_are_guided_while_they_move() {
+    for text in ["checkerboard:6x9:25mm", "aprilgrid:6x6:35.2mm:0.3"] {
+        let (settings, board) = (Settings::default(), text.parse().unwrap());
+        let mut observer = Observer::new(&settings.detection, &settings.initial, &settings.live, &board, SENSOR);
+        let events = simulated(text, SensorModel::default(), MotionSettings::slow(), 2.5);
+        let (mut lags, mut first_hint) = (Vec::new(), f64::INFINITY);
+        for piece in events.chunk_by(|a, b| a.t / 10_000 == b.t / 10_000) {
+            if observer.push(piece) {
+                let seen = observer.seen();
+                lags.extend(seen.board.map(|board| seen.t - board.t));
+                first_hint = if seen.hint == Hint::Show { first_hint } else { first_hint.min(seen.t) };
+            }
+        }
+        lags.sort_by(f64::total_cmp);
+        let (seen, lag) = (observer.seen(), lags.get(lags.len() / 2));
+        println!(
+            "{text}: first hint {first_hint:.2} s, lag {lag:?}, {} boards, {:?}",
+            seen.coverage.boards, seen.camera
+        );
+        assert!(first_hint < 1.5 && lag.is_some_and(|lag| *lag < 0.1), "{text}: {first_hint} s, {lag:?} s");
+        assert!(seen.coverage.boards > 30 && seen.camera.is_some(), "{text}: {}", seen.coverage.boards);
+    }
+}
+
+/// Another board of squares in view is named.
+#[test]
+fn another_board_of_squares_is_named() {
+    let settings = Settings::default();
+    let events = simulated("checkerboard:6x9:25mm", SensorModel::default(), MotionSettings::slow(), 0.7);
+    for stated in ["checkerboard:5x8:25mm", "aprilgrid:6x6:35.2mm:0.3", BOARD] {
+        let found = explain(&events, &stated.parse().unwrap(), SENSOR, &settings.detection);
+        let Obstacle::OtherBoard(other) = &found.obstacle else { panic!("{stated}: {:?}", found.obstacle) };
+        assert!(other.to_string().contains("6x9") || other.to_string().contains("6 x 9"), "{stated}: {other}");
+    }
+}
+
 #[test]
 fn replay_prints_the_same_at_every_speed() {
     let first = printed_lines(None);

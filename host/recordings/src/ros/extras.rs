@@ -21,7 +21,8 @@ use super::message::{self, Kind};
 use super::picture;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{
-    BOTH, Extra, InertialSample, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, read_or_report, take_until,
+    BOTH, Extra, InertialSample, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, read_or_report,
+    take_until,
 };
 use crate::options::{Damage, RecordingOptions};
 use crate::pictures::TimedImage;

@@ -20,10 +20,7 @@ impl Quantities {
     /// Returns the quantities in `sample`.
     pub fn of(sample: &InertialSample) -> Self {
         let is_measured = |values: [f32; 3]| values.iter().any(|value| *value != 0.0 && value.is_finite());
-        Self {
-            acceleration: is_measured(sample.acceleration),
-            angular_velocity: is_measured(sample.angular_velocity),
-        }
+        Self { acceleration: is_measured(sample.acceleration), angular_velocity: is_measured(sample.angular_velocity) }
     }
 
     /// `true` if the sample is complete.
@@ -76,8 +73,9 @@ impl Iterator for MergedSamples {
             0 => 1.0,
             apart => ((next.t - before.t) as f64 / apart as f64).clamp(0.0, 1.0) as f32,
         };
-        let acceleration =
-            std::array::from_fn(|axis| before.acceleration[axis] + share * (after.acceleration[axis] - before.acceleration[axis]));
+        let acceleration = std::array::from_fn(|axis| {
+            before.acceleration[axis] + share * (after.acceleration[axis] - before.acceleration[axis])
+        });
         Some(InertialSample { acceleration, ..next })
     }
 }

@@ -94,7 +94,9 @@ impl StatedTags {
         let is_stated_border = self.finders.first().is_some_and(|(first, _)| *first == border);
         let pairs = Pairs::new(sightings, matches!(self.stated, SquareBoard::Charuco(_)));
         if is_stated_border && pairs.fit(&self.stated) {
-            return pairs.period.map_or(Comparison::Unclear, |period| Comparison::Same { ratio: ratio(&self.stated, period) });
+            return pairs
+                .period
+                .map_or(Comparison::Unclear, |period| Comparison::Same { ratio: ratio(&self.stated, period) });
         }
         if pairs.fit_nothing() || is_stated_border && !pairs.contradict(&self.stated) {
             return Comparison::Unclear;
@@ -135,7 +137,8 @@ fn completed(found: SquareBoard, stated: &SquareBoard) -> SquareBoard {
         return SquareBoard::Tags(TagGrid { rows: if is_exchanged { stated.columns } else { found.rows }, ..found });
     }
     let missing_rows = found.first_id.checked_sub(stated.first_id);
-    let is_part = missing_rows.is_some_and(|ids| ids.is_multiple_of(found.columns.into())) && last(&found) <= last(stated);
+    let is_part =
+        missing_rows.is_some_and(|ids| ids.is_multiple_of(found.columns.into())) && last(&found) <= last(stated);
     SquareBoard::Tags(match is_part {
         true => TagGrid { rows: stated.rows, first_id: stated.first_id, ..found },
         false => TagGrid { rows: found.rows.max(stated.rows), ..found },
@@ -194,7 +197,8 @@ impl Pairs {
         for pair in &self.pairs {
             let steps = in_steps(pair.offset, period);
             let is_near = steps.iter().all(|step| step.abs() <= 1);
-            let is_on_lattice = pair.offset.iter().zip(steps).all(|(along, step)| (along / period - f64::from(step)).abs() < TOLERANCE);
+            let is_on_lattice =
+                pair.offset.iter().zip(steps).all(|(along, step)| (along / period - f64::from(step)).abs() < TOLERANCE);
             if !is_near || !is_on_lattice || steps == [0, 0] {
                 continue;
             }

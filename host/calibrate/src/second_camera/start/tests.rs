@@ -183,8 +183,9 @@ fn mistakes_are_named() {
 #[test]
 fn cameras_that_hardly_saw_the_board_together_are_not_taken_for_strangers() {
     let all = first(1.0);
-    let short: Vec<Trajectory> =
-        (0..6).map(|index| fitted_to(|t| first_pose(t, 1.0), 3.0 * f64::from(index)..3.0 * f64::from(index) + 0.25)).collect();
+    let short: Vec<Trajectory> = (0..6)
+        .map(|index| fitted_to(|t| first_pose(t, 1.0), 3.0 * f64::from(index)..3.0 * f64::from(index) + 0.25))
+        .collect();
     let symmetric = symmetries(&"acircles:9x4:55mm:r17.5mm".parse().unwrap());
     let error = start(&all, &Seen::along(&short), &symmetric, LOOSE).unwrap_err();
     let SecondCameraError::HardlyTogether { seconds, needed } = &error else { panic!("{error}") };

@@ -213,7 +213,9 @@ fn about_board_choice(error: &BoardChoiceError) -> Option<String> {
         }
         BoardChoiceError::SizeUnknown { found } => Some(format!("for example --board {}", found.example())),
         BoardChoiceError::WrongRatio(ratio) => Some(format!("use --board {}", ratio.board)),
-        BoardChoiceError::Other { found: OtherReading::Board { board, .. }, .. } => Some(format!("use --board {board}")),
+        BoardChoiceError::Other { found: OtherReading::Board { board, .. }, .. } => {
+            Some(format!("use --board {board}"))
+        }
         BoardChoiceError::Other { found: OtherReading::Kind(found), .. } => {
             Some(format!("for example --board {}", found.example()))
         }
@@ -270,7 +272,9 @@ fn about_inertial(error: &InertialError) -> Option<&'static str> {
             Some("add --imu-units deg_s, or g,deg_s if accelerations are in g too")
         }
         InertialError::AccelerationUnit { of_file: false, .. } | InertialError::AngularUnit { of_file: false, .. } => {
-            Some("correct --imu-units, or write the samples with the units in its header to a CSV file, and give it with --imu FILE.csv")
+            Some(
+                "correct --imu-units, or write the samples with the units in its header to a CSV file, and give it with --imu FILE.csv",
+            )
         }
         _ => None,
     }

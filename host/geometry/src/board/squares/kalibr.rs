@@ -326,7 +326,10 @@ asymmetricGrid: True        #use asymmetric grid (opencv) [bool]
             (&APRILGRID.replace("0.088", ".nan"), "tagSize is .nan"),
             (&APRILGRID.replace("0.3", "30"), "tagSpacing is 30"),
             // The gap in metres: 0.3 of 0.088 m.
-            (&APRILGRID.replace("0.3", "0.0264"), "It must be the gap divided by tagSize: 0.3000 if the gap is 0.0264 m"),
+            (
+                &APRILGRID.replace("0.3", "0.0264"),
+                "It must be the gap divided by tagSize: 0.3000 if the gap is 0.0264 m",
+            ),
             (&format!("{APRILGRID}codeOffset: 560\n"), "the board needs 602 tags"),
             (&format!("{APRILGRID}codeOffset: -1\n"), "codeOffset is -1"),
             (&APRILGRID.replace("0.3", "[1]"), "tagSpacing is not a single value"),

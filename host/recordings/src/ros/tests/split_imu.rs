@@ -38,7 +38,10 @@ fn samples_are_put_together_from_two_topics() {
             // Both grow by one unit per millisecond.
             let elapsed = (sample.t - START) as f32 / 1000.0;
             assert!((sample.acceleration[0] - elapsed).abs() < 1e-3, "{sample:?} at {elapsed}");
-            assert!((sample.angular_velocity[1].to_radians() - (elapsed - 0.5)).abs() < 1e-3, "{sample:?} at {elapsed}");
+            assert!(
+                (sample.angular_velocity[1].to_radians() - (elapsed - 0.5)).abs() < 1e-3,
+                "{sample:?} at {elapsed}"
+            );
             count += 1;
         }
         // Those after the last acceleration have none.
