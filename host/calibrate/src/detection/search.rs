@@ -10,7 +10,7 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
 use super::settings::DetectionSettings;
-use super::squares::{INTERVAL, SquareStage};
+use super::squares::SquareStage;
 use super::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn, UnorderedFrame};
@@ -18,6 +18,7 @@ use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames};
 use evcal_files::FileError;
 use evcal_geometry::board::{Board, SquareBoard};
+use evcal_squares::reconstruction::ReconstructionOptions;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
 use event_recordings::likely_sensor::{likely_sensor_of, likely_words};
 use event_recordings::pass::read_while;
@@ -182,7 +183,7 @@ fn search(
             (FoundContent::Boards(pattern, frames), report, pass)
         }
         SearchFor::Squares(board) => {
-            let mut stage = SquareStage::new(&board, sensor, 0, INTERVAL);
+            let mut stage = SquareStage::new(&board, ReconstructionOptions::new(sensor), 0);
             let pass = read(&mut |events| stage.push(events))?;
             let (frames, report) = stage.finish();
             let frames = frames.into_iter().map(ReferenceFrame::from).collect();

@@ -5,7 +5,6 @@
 //! the board.
 
 use evcal_core::event::Event;
-use evcal_core::sensor::Sensor;
 use evcal_geometry::board::SquareBoard;
 use evcal_squares::found_point::FoundPoint;
 use evcal_squares::reconstruction::{Moment, Reconstruction, ReconstructionOptions};
@@ -177,6 +176,8 @@ fn seconds(moment: &Moment) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::sensor::Sensor;
+
     use super::*;
 
     fn found_after(reason: NoBoard, refused: u64) -> (usize, u64) {

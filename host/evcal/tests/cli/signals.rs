@@ -161,7 +161,7 @@ fn interrupted_conversions_and_undistortions_leave_old_or_new_results() {
     let other = directory.path().join("other.csv");
     fs::write(&other, "t_us,x,y,p\n1,2,3,1\n2,3,4,0\n").unwrap();
     let convert = |input| ["convert", input, text(&output), "--force", "--sensor", "346x260"];
-    end_at_every_moment(&folder, &convert(text(&other)), &convert(text(&events)), false);
+    end_at_every_moment(&folder, &convert(text(&other)), &convert(text(&events)), &[]);
 
     let folder = directory.path().join("undistorted");
     let output = folder.join("events.h5");
