@@ -59,7 +59,11 @@ pub fn ratio_in_words(OtherRatio { board, measured, stated }: &OtherRatio) -> St
             1e3 * board.square,
             1e3 * stated * board.square
         ),
-        _ => format!("the gap between two tags is {measured:.2} of a tag's side, not {stated}"),
+        SquareBoard::Tags(grid) => format!(
+            "the gap between two tags is about {} of a tag's side, not {stated} (measured: {measured:.2})",
+            grid.spacing
+        ),
+        SquareBoard::Checkerboard(_) => String::new(),
     }
 }
 
