@@ -10,6 +10,7 @@ use crate::health::noise::NoiseMeter;
 use evcal_calibrate::circles::reference_frame::UnorderedFrame;
 use evcal_calibrate::detection::other_board::{OtherReading, find_other_board, other_reading};
 use evcal_calibrate::detection::pictures::settings::PictureSettings;
+use evcal_calibrate::detection::recognised::{Recognised, find_squares};
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_calibrate::detection::still_views::search::search_views;
 use evcal_calibrate::detection::still_views::{StillView, StillViews};
@@ -101,7 +102,10 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
     let Board::Circles(circles) = board else {
         let obstacle = match is_slow() {
             true => Obstacle::TooSlow,
-            false => other_board(events, board, sensor, settings).unwrap_or(Obstacle::NoSquares),
+            false => find_other_board(&moment(events, sensor), sensor, board, settings)
+                .ok()
+                .flatten()
+                .map_or(Obstacle::NoSquares, Obstacle::OtherBoard),
         };
         return Explanation { obstacle, circles: Vec::new() };
     };
@@ -111,24 +115,33 @@ pub fn explain(events: &[Event], board: &Board, sensor: Sensor, settings: &Detec
         stage.into_circles()
     };
     let (whole, report) = search(circles.circle_count().div_ceil(2));
-    if whole.len() >= FEWEST_WINDOWS {
-        return Explanation { obstacle: of_whole(&whole, &report, circles, sensor), circles: fullest(whole) };
-    }
-    let (parts, report) = search(FEWEST_CIRCLES);
-    let obstacle = match parts.len() >= FEWEST_WINDOWS {
-        true => of_parts(&parts, &report, sensor),
-        false if is_slow() => Obstacle::TooSlow,
-        false if are_small(&parts, &report) => Obstacle::TooFar,
-        false => other_board(events, board, sensor, settings).unwrap_or(Obstacle::NoCircles),
+    let explanation = if whole.len() >= FEWEST_WINDOWS {
+        Explanation { obstacle: of_whole(&whole, &report, circles, sensor), circles: fullest(whole) }
+    } else {
+        let (parts, report) = search(FEWEST_CIRCLES);
+        let obstacle = match parts.len() >= FEWEST_WINDOWS {
+            true => of_parts(&parts, &report, sensor),
+            false if is_slow() => Obstacle::TooSlow,
+            false if are_small(&parts, &report) => Obstacle::TooFar,
+            false => Obstacle::NoCircles,
+        };
+        Explanation { obstacle, circles: fullest(parts) }
     };
-    Explanation { obstacle, circles: fullest(parts) }
+    // Corners of squares look like small circles, or like no circles.
+    match explanation.obstacle {
+        Obstacle::TooFar | Obstacle::NoCircles | Obstacle::NoBoard => {
+            let squares = find_squares(&moment(events, sensor), sensor).ok().flatten();
+            let other = squares.map(|found| Obstacle::OtherBoard(OtherReading::Kind(Recognised::Squares(found))));
+            other.map_or(explanation, |obstacle| Explanation { obstacle, circles: Vec::new() })
+        }
+        _ => explanation,
+    }
 }
 
-/// Returns the board that these events show, if it is another one.
-fn other_board(events: &[Event], board: &Board, sensor: Sensor, settings: &DetectionSettings) -> Option<Obstacle> {
+/// Returns the events of a moment as a recording.
+fn moment(events: &[Event], sensor: Sensor) -> Recording {
     let options = RecordingOptions { sensor: Some(sensor), ..RecordingOptions::default() };
-    let moment = Recording::from_events("live", events.to_vec(), options);
-    find_other_board(&moment, sensor, board, settings).ok()?.map(Obstacle::OtherBoard)
+    Recording::from_events("live", events.to_vec(), options)
 }
 
 /// Interprets windows with at least half as many circles as the board.

@@ -158,7 +158,9 @@ mod tests {
             }
             order.push(part.to_vec(), latest, in_order, &mut report);
             while order.pop(false, &mut batch) {
-                assert!(batch.iter().all(|event| event.t <= latest - WINDOW) || order.count > MOST_EVENTS - PIECE);
+                assert!(
+                    batch.iter().all(|event| event.t <= latest - WINDOW) || order.count > MOST_EVENTS - size.max(PIECE)
+                );
                 all.append(&mut batch);
             }
         }

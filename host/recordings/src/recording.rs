@@ -109,6 +109,11 @@ impl Recording {
         Self { span: Some(span), ..self.clone() }
     }
 
+    /// Returns the recording of a file to which events are still appended: it is not an error that the file changes.
+    pub fn still_written(self) -> Self {
+        Self { files: Files::default(), ..self }
+    }
+
     /// Path of the recording, or the name of a recording in memory.
     pub fn path(&self) -> &Path {
         &self.path

@@ -95,7 +95,7 @@ impl fmt::Display for UnsupportedFormat {
             Self::Bzip2 => "bzip2",
             Self::Lz4 => "LZ4",
             Self::ModifiedPcap => "modified pcap",
-            Self::Arrow => "Apache Arrow",
+            Self::Arrow => "Feather (Apache Arrow)",
             Self::Tar => "tar",
             Self::SevenZip => "7z",
             Self::Rar => "RAR",
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn files_that_other_programs_write_are_named() {
         for (bytes, name) in [
-            (&b"ARROW1\0\0\xff\xff\xff\xff"[..], "Apache Arrow"),
+            (&b"ARROW1\0\0\xff\xff\xff\xff"[..], "Feather (Apache Arrow)"),
             (b"\x04\x22\x4d\x18\x64\x40\xa7", "LZ4"),
             (b"\x34\xcd\xb2\xa1\x02\x00\x04\x00", "modified pcap"),
             (b"\xa1\xb2\xcd\x34\x00\x02\x00\x04", "modified pcap"),

@@ -22,7 +22,7 @@ pub fn calibrate_beginning(
 ) -> Result<Calibrated, CalibrateError> {
     let end = first_time(recording)?.saturating_add((seconds * 1e6) as i64);
     let mut inputs = task.inputs.to_vec();
-    inputs.push(Input::from(recording.section(i64::MIN..end)));
+    inputs.push(Input::from(recording.section(i64::MIN..end).still_written()));
     calibrate(&Task { inputs: &inputs, pictures: PictureUse::Ignore, ..*task }, progress)
 }
 

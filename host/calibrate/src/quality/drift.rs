@@ -373,6 +373,12 @@ mod tests {
         std::array::from_fn(|global| global < 4 || (BOARD_INDEX..BOARD_INDEX + 3).contains(&global))
     }
 
+    /// What [`drift`] is given.
+    struct Measured {
+        intervals: Vec<Interval>,
+        contributions: Vec<PackedContribution>,
+    }
+
     /// Measurements of the seven parameters with noise of one unit, each `copies` times in a row. `truth` returns the parameters of
     /// an interval.
     fn measured(
@@ -380,7 +386,7 @@ mod tests {
         copies: usize,
         recording: impl Fn(usize) -> usize,
         truth: impl Fn(usize) -> [f64; 7],
-    ) -> (Vec<Interval>, Vec<PackedContribution>) {
+    ) -> Measured {
         /// Typical derivative of a residual by each parameter.
         const SCALE: [f64; 7] = [0.3, 0.3, 0.2, 0.2, 100.0, 4e3, 4e3];
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -398,11 +404,12 @@ mod tests {
             let start = STEP * (index % (COUNT / (recording(COUNT - 1) + 1))) as f64;
             (Interval { recording: recording(index), start }, one(index).into())
         });
-        all.unzip()
+        let (intervals, contributions) = all.unzip();
+        Measured { intervals, contributions }
     }
 
-    fn found((intervals, contributions): &(Vec<Interval>, Vec<PackedContribution>)) -> Option<Drift> {
-        drift(&camera(), SENSOR, &free(), intervals, contributions)
+    fn found(measured: &Measured) -> Option<Drift> {
+        drift(&camera(), SENSOR, &free(), &measured.intervals, &measured.contributions)
     }
 
     #[test]
@@ -447,7 +454,7 @@ mod tests {
 
     #[test]
     fn short_recordings_are_not_compared() {
-        let (intervals, contributions) = measured(1, 1, |_| 0, |_| [0.0; 7]);
+        let Measured { intervals, contributions } = measured(1, 1, |_| 0, |_| [0.0; 7]);
         assert_eq!(drift(&camera(), SENSOR, &free(), &intervals[..30], &contributions[..30]), None);
         assert_eq!(drift(&camera(), SENSOR, &free(), &[], &[]), None);
     }

@@ -319,7 +319,7 @@ mod tests {
 
     #[test]
     fn another_encoding_is_rejected_with_a_reason() {
-        let error = testing::read(&file("% evt 4.0\n", [[0; 8]])).error.unwrap();
-        assert!(error.contains("EVT 2.0, 2.1 or 3.0"), "{error}");
+        let error = testing::read(&file("% evt 5.0\n", [[0; 8]])).error.unwrap();
+        assert!(error.contains("EVT 2.0, 2.1, 3.0 or 4.0"), "{error}");
     }
 }

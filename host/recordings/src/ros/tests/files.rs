@@ -205,7 +205,11 @@ pub const START: i64 = 1_700_000_000_000_000;
 
 pub fn events(first: i64, count: i64) -> Vec<Event> {
     let on = |index: i64| if index % 3 == 0 { Polarity::On } else { Polarity::Off };
-    let event =
-        |index: i64| Event { t: START + index * 500, x: 5 + index as u16, y: index as u16, polarity: on(index) };
+    let event = |index: i64| Event {
+        t: START + index * 500,
+        x: 5 + (index % 250) as u16,
+        y: (index % 250) as u16,
+        polarity: on(index),
+    };
     (first..first + count).map(event).collect()
 }

@@ -174,8 +174,11 @@ fn the_related_imu_is_found_among_many() {
     let id = COUNT.to_le_bytes();
     let channel = [&id[..], &[2, 0], &mcap_text("/t777/events"), &mcap_text("cdr"), &[0; 4]].concat();
     let message = [&id[..], &[0; 20], &event_array(Wire::Cdr, &events(0, 7))].concat();
-    let records = [mcap_record(3, &schema), mcap_record(4, &channel), mcap_record(5, &message)].concat();
-    let content = [&b"\x89MCAP0\r\n"[..], &units, &records, &mcap_record(15, &[0; 4])].concat();
+    let sample = [&777_u16.to_le_bytes()[..], &[0; 20], &imu(Wire::Cdr, START)].concat();
+    let records =
+        [mcap_record(5, &sample), mcap_record(3, &schema), mcap_record(4, &channel), mcap_record(5, &message)];
+    let (records, start) = (records.concat(), b"\x89MCAP0\r\n");
+    let content = [&start[..], &units, &records, &mcap_record(15, &[0; 4])].concat();
     let (_directory, path) = sparse(&content, 0);
     let reader = Recording::new(&path, RecordingOptions::default()).unwrap().open_extras().unwrap();
     let chosen = reader.chosen();

@@ -176,7 +176,9 @@ fn damage_in_a_file_out_of_order_loses_only_its_chunk() {
     let whole = testing::read(&content).events;
     for cut in (content.len() / 8..content.len()).step_by(content.len() / 8) {
         let outcome = testing::read(&content[..cut]);
-        assert!(outcome.report.truncated.is_some() || outcome.error.is_some(), "{cut}");
+        // Behind the last chunk there is only a summary.
+        let is_whole = outcome.events.len() == whole.len();
+        assert!(outcome.report.truncated.is_some() || outcome.error.is_some() || is_whole, "{cut}");
         assert!(outcome.events.is_sorted_by_key(|event| event.t), "{cut}");
     }
     let chunk = content.windows(9).position(|bytes| bytes[0] == 6 && bytes[3..] == [0; 6]).unwrap();
