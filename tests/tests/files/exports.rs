@@ -24,7 +24,8 @@ const READERS: [(&str, &str, f64); 14] = [
     ("dv-xml", "dv-processing", 2e-4),
     ("dv-processing", "dv-processing", 2e-4),
     ("mrcal", "mrcal", 1e-6),
-    ("colmap", "pycolmap", 1e-9),
+    // COLMAP computes its FOV model by a series near the optical axis.
+    ("colmap", "pycolmap", 1e-8),
     ("nerfstudio", "JSON, nerfstudio's projection", 1e-9),
     ("vins-fusion", "OpenCV, camodocal's rules", 1e-9),
     ("orb-slam3", "OpenCV, ORB-SLAM3's rules", 1e-9),

@@ -27,10 +27,13 @@ const WINDOWS: [i64; 12] = [0, 1, 2, 3, 4, 6, 9, 13, 20, 30, 45, 68];
 const FEWEST: usize = 3;
 /// Number of pictures that must show the board if its tags are too small to be read one by one.
 const FEWEST_FOUND: usize = 3;
-/// Difference between the measured and the stated ratio of both lengths of a board from which the stated one is wrong, and from
-/// which it may be. In simulated and real recordings tags seem up to 1 % too large, so measured gaps are up to 0.01 too small.
-const WRONG_RATIO: f64 = 0.028;
-const DOUBTFUL_RATIO: f64 = 0.02;
+/// Difference between the measured and the stated ratio of a grid of tags from which the stated one is wrong, and from which it may
+/// be. In pictures made of events tags seem too large, small ones by several hundredths of their side.
+const WRONG_RATIO: f64 = 0.1;
+const DOUBTFUL_RATIO: f64 = 0.028;
+/// The same for the markers of a ChArUco board, which seem up to a quarter too small. A wrong size of them changes no corner, so it
+/// never ends the calibration.
+const DOUBTFUL_MARKER: f64 = 0.2;
 /// Usual ratios are multiples of 0.05; a measured one within this distance is taken for one of them.
 const USUAL: f64 = 0.02;
 
@@ -93,30 +96,41 @@ pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> R
             if tags.is_some() && moments.iter().filter(is_found).count() >= FEWEST_FOUND {
                 return Ok(StatedBoard::Kept);
             }
-            let other = recognise(&moments).and_then(|found| other_squares(found, stated));
+            let found = recognise(&moments).filter(|found| !differs_in_ratio_only(&found.board, stated));
+            let other = found.and_then(|found| other_squares(found, stated));
             other.map_or(StatedBoard::Kept, StatedBoard::Other)
         }
     })
 }
 
+/// Returns `true` if only the ratio of both lengths, which is measured inaccurately, differs.
+fn differs_in_ratio_only(found: &SquareBoard, stated: &SquareBoard) -> bool {
+    match (in_lengths_of(found, stated), stated) {
+        (Some(SquareBoard::Tags(a)), SquareBoard::Tags(b)) => TagGrid { spacing: b.spacing, ..a } == *b,
+        (Some(SquareBoard::Charuco(a)), SquareBoard::Charuco(b)) => Charuco { marker: b.marker, ..a } == *b,
+        _ => false,
+    }
+}
+
 fn of_ratio(stated: &SquareBoard, measured: f64) -> StatedBoard {
-    let (given, board) = match stated {
+    let (given, board, [wrong, doubtful]) = match stated {
         SquareBoard::Tags(grid) => {
             let usual = rounded(measured, 20.0);
             let spacing = if (measured - usual).abs() < USUAL { usual } else { rounded(measured, 100.0) };
-            (grid.spacing, SquareBoard::Tags(TagGrid { spacing, ..*grid }))
+            (grid.spacing, SquareBoard::Tags(TagGrid { spacing, ..*grid }), [WRONG_RATIO, DOUBTFUL_RATIO])
         }
         SquareBoard::Charuco(board) => {
             // Half a millimetre is what a ruler shows.
             let marker = rounded(measured * board.square, 2000.0);
-            (board.marker / board.square, SquareBoard::Charuco(Charuco { marker, ..*board }))
+            let other = SquareBoard::Charuco(Charuco { marker, ..*board });
+            (board.marker / board.square, other, [f64::INFINITY, DOUBTFUL_MARKER])
         }
         SquareBoard::Checkerboard(_) => return StatedBoard::Kept,
     };
     let ratio = OtherRatio { board, measured, stated: given };
     match (measured - given).abs() {
-        wrong if wrong > WRONG_RATIO => StatedBoard::WrongRatio(ratio),
-        doubtful if doubtful > DOUBTFUL_RATIO && board != *stated => StatedBoard::DoubtfulRatio(ratio),
+        difference if difference > wrong => StatedBoard::WrongRatio(ratio),
+        difference if difference > doubtful && board != *stated => StatedBoard::DoubtfulRatio(ratio),
         _ => StatedBoard::Kept,
     }
 }
@@ -206,12 +220,12 @@ mod tests {
         };
         assert_eq!(of("aprilgrid:6x6:35.2mm:0.3", 0.304), "kept");
         assert_eq!(of("aprilgrid:6x6:35.2mm:0.29", 0.281), "kept");
-        assert_eq!(of("aprilgrid:6x6:35.2mm:0.27", 0.293), "doubtful: aprilgrid:6x6:35.2mm:0.3");
-        assert_eq!(of("aprilgrid:6x6:35.2mm:0.33", 0.299), "wrong: aprilgrid:6x6:35.2mm:0.3");
+        assert_eq!(of("aprilgrid:6x6:35.2mm:0.27", 0.299), "doubtful: aprilgrid:6x6:35.2mm:0.3");
+        assert_eq!(of("aprilgrid:6x6:35.2mm:0.33", 0.299), "doubtful: aprilgrid:6x6:35.2mm:0.3");
         assert_eq!(of("aprilgrid:6x6:35.2mm:0.01056", 0.303), "wrong: aprilgrid:6x6:35.2mm:0.3");
-        assert_eq!(of("apriltags:3x4:48mm:0.3", 0.251), "wrong: apriltags:3x4:48mm:0.25");
-        assert_eq!(of("charuco:5x7:40mm:28mm:DICT_5X5_100", 0.751), "wrong: charuco:5x7:40mm:30mm:DICT_5X5_100");
-        assert_eq!(of("charuco:5x7:40mm:30mm:DICT_5X5_100", 0.747), "kept");
+        assert_eq!(of("apriltags:3x4:48mm:0.4", 0.251), "wrong: apriltags:3x4:48mm:0.25");
+        assert_eq!(of("charuco:5x7:40mm:28mm:DICT_5X5_100", 0.751), "kept");
+        assert_eq!(of("charuco:5x7:40mm:20mm:DICT_5X5_100", 0.751), "doubtful: charuco:5x7:40mm:30mm:DICT_5X5_100");
     }
 
     #[test]

@@ -181,7 +181,10 @@ fn damage_in_a_file_out_of_order_loses_only_its_chunk() {
         assert!(outcome.report.truncated.is_some() || outcome.error.is_some() || is_whole, "{cut}");
         assert!(outcome.events.is_sorted_by_key(|event| event.t), "{cut}");
     }
-    let chunk = content.windows(9).position(|bytes| bytes[0] == 6 && bytes[3..] == [0; 6]).unwrap();
+    // The second chunk: the first one describes the topics.
+    let length = u64::from_le_bytes(content[9..17].try_into().unwrap()) as usize;
+    let chunk = 17 + length;
+    assert_eq!(content[chunk], 6);
     let mut damaged = content.clone();
     // In the content of the chunk, behind its head of 53 bytes.
     damaged[chunk + 9 + 60] ^= 1;
