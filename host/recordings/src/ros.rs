@@ -9,7 +9,7 @@
 //! | `sensor_msgs/Imu` | IMU samples |
 //!
 //! Times come from the sensor and are stored in the messages. Messages are read in order of their times of recording
-//! ([`order`]).
+//! (`order`).
 
 mod bag;
 mod bayer;

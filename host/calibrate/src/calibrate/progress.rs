@@ -193,8 +193,10 @@ mod tests {
             let of_text = steps.iter().filter(|(other, _)| other == text);
             of_text.filter_map(|(_, done)| *done).collect::<Vec<f64>>()
         };
-        // Each file on its own, then both as one.
-        assert_eq!(of("first").iter().filter(|done| **done == 1.0).count(), 2, "{:?}", of("first"));
+        // Each file on its own, then both as one. The last events are passed on after the end of the file was read.
+        let mut first = of("first");
+        first.dedup();
+        assert_eq!(first.iter().filter(|done| **done == 1.0).count(), 2, "{first:?}");
         let second = of("second");
         assert!(second.is_sorted() && second.last() == Some(&1.0), "{second:?}");
         assert!(second.iter().any(|done| (done - 0.5).abs() < 1e-9), "{second:?}");

@@ -311,20 +311,6 @@ mod tests {
             assert!((mean - 0.8 * delay).abs() < 0.1 * delay && largest < 0.15 * delay, "{rate}: {mean} {largest}");
             assert!((scatter - 0.6 * delay).abs() < 0.06 * delay, "{scatter}");
         }
-        // Groups whose size differs, each sample some microseconds after the one before it.
-        let mut given = samples(4000, 1000.0);
-        let (mut first, mut stamp) = (0, 0.0);
-        for (index, sample) in given.iter_mut().enumerate() {
-            if index >= first {
-                first = index + uniform_in(&mut random, 3.0, 12.0) as usize;
-                stamp = 100.0 + first as f64 * 1e-3;
-            }
-            stamp += 5e-6;
-            sample.t = stamp;
-        }
-        let found = ordered(given);
-        assert!(matches!(found.timing, Timing::Even { .. }) && found.samples.len() == 4000, "{:?}", found.timing);
-        assert!(errors(&found.samples).1 < 1e-3);
     }
 
     /// If samples are lost, too, their number is not a clock.

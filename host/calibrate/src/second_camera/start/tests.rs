@@ -175,7 +175,7 @@ fn mistakes_are_named() {
     let error = refused(&first(1.0), &[fitted_to(loose, 0.0..SECONDS)]);
     assert!(matches!(error, SecondCameraError::NotFixed { distance, .. } if distance > 0.02), "{error}");
     let error = refused(&first(1.0), &[]);
-    assert!(matches!(error, SecondCameraError::Alignment(AlignmentError::OtherMotion { .. })), "{error}");
+    assert!(matches!(error, SecondCameraError::HardlyTogether { seconds: [_, 0.0], .. }), "{error}");
 }
 
 /// A camera with a small view sees the whole board again and again, but never for long. No offset of the clocks then gives both
