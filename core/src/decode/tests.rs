@@ -188,7 +188,7 @@ fn evt3_time_continues_after_a_wrap_and_a_repeated_time_high_changes_nothing() {
 #[test]
 fn a_time_low_of_evt3_that_falls_has_wrapped() {
     let single: Vec<u16> =
-        [0x8010, 0x0001].into_iter().chain((0..900).flat_map(|step| [0x6000 | step * 700 % 4096, 0x2000])).collect();
+        [0x8010, 0x0001].into_iter().chain((0..900).flat_map(|step| [0x6000 | (step * 700 % 4096), 0x2000])).collect();
     let expected: Vec<i64> = (0..900).map(|step| 0x10 * 4096 + step * 700).collect();
     assert_eq!(times(&decode_evt3(&mut Evt3Decoder::new(), &single)), expected);
     let words = [

@@ -133,7 +133,7 @@ fn all_cells_of_a_sensor_have_the_same_size() {
     for [width, height] in
         [[346, 260], [128, 128], [240, 180], [304, 240], [320, 320], [640, 480], [1280, 720], [1281, 721]]
     {
-        let map = map_of(Sensor::new(width, height), || std::iter::empty());
+        let map = map_of(Sensor::new(width, height), std::iter::empty);
         let places: Vec<[f64; 4]> = map.places().collect();
         assert_eq!(places.len(), map.cells.len());
         let (first, last) = (places[0], places[places.len() - 1]);
@@ -148,7 +148,7 @@ fn all_cells_of_a_sensor_have_the_same_size() {
     }
     // Sensors that are smaller than the cells are many.
     for sensor in [Sensor::new(1, 1), Sensor::new(2, 3), Sensor::new(9, 4)] {
-        assert_eq!(map_of(sensor, || std::iter::empty()).pattern, ResidualPattern::default());
+        assert_eq!(map_of(sensor, std::iter::empty).pattern, ResidualPattern::default());
     }
 }
 

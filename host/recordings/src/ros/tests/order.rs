@@ -5,8 +5,11 @@ use super::*;
 
 const ARRAY: &str = "dvs_msgs/msg/EventArray";
 
+/// A message, with its time of recording before it.
+type Recorded = (i64, (&'static str, &'static str, Vec<u8>));
+
 /// Forty messages of ten events, 5 ms each, with an image and a sample in every fourth; and their times of recording.
-fn numbered(wire: Wire) -> Vec<(i64, (&'static str, &'static str, Vec<u8>))> {
+fn numbered(wire: Wire) -> Vec<Recorded> {
     let mut messages = Vec::new();
     for index in 0..40 {
         let t = START + 5000 * index;
