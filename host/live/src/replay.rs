@@ -1,7 +1,7 @@
-//! Replay of a recording as if it came from a camera now.
+//! Replay of a recording as if it came from a camera now; also of one that is still being written.
 
 use std::ops::ControlFlow;
-use std::sync::mpsc::{Receiver, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -11,10 +11,12 @@ use evcal_core::sensor::Sensor;
 use super::latest::Latest;
 use super::observer::{Observer, Seen};
 use super::picture::{EventPicture, PICTURE_INTERVAL};
-use event_recordings::{Recording, RecordingError};
+use event_recordings::{EventReader, Recording, RecordingError};
 
 /// Length of the pieces in which events are passed on (µs of the sensor).
 const PIECE: i64 = 10_000;
+/// Largest number of batches that are read ahead.
+const BATCHES_AHEAD: usize = 4;
 /// Largest number of pieces that wait for the detector.
 const PIECES_AHEAD: usize = 32;
 /// Time between two attempts to pass a piece to a busy detector.
@@ -38,7 +40,8 @@ pub struct ReplayReport {
 /// Plays `recording` to `observer` until it ends, enough was seen, or `show` breaks.
 ///
 /// `speed` is in seconds of the recording per second; `None` means as fast as the detector. `show` is called with a
-/// picture 30 times a second, `on_progress` with the state once per second of the recording's time, whatever the speed.
+/// picture 30 times a second, also while no events arrive, `on_progress` with the state once per second of the recording's time, whatever
+/// the speed.
 ///
 /// # Errors
 /// [`RecordingError`] if no event can be read.
@@ -51,7 +54,13 @@ pub fn replay(
     on_progress: impl FnMut(&Seen) + Send,
     mut show: impl FnMut(&EventPicture) -> ControlFlow<()>,
 ) -> Result<ReplayReport, RecordingError> {
-    let mut reader = recording.open()?;
+    let reader = recording.open()?;
+    let (read, batches) = sync_channel(BATCHES_AHEAD);
+    // A recording that is still being written may never get a further event. The thread that waits for it is left behind.
+    thread::Builder::new()
+        .name("reading".to_owned())
+        .spawn(move || pass_on(reader, &read))
+        .map_err(|error| RecordingError::io(recording.path(), error))?;
     thread::scope(|scope| {
         let (sender, pieces) = sync_channel::<Vec<Event>>(PIECES_AHEAD);
         let observing = scope.spawn(move || observe(observer, &pieces, latest, on_progress));
@@ -59,15 +68,21 @@ pub fn replay(
         let mut picture = EventPicture::new(sensor);
         let mut due = Instant::now() + PICTURE_INTERVAL;
         let (mut count, mut start, mut last) = (0, None, 0);
-        let mut batch = Vec::new();
         let damage = 'played: loop {
-            batch.clear();
-            match reader.next_batch(&mut batch) {
-                Ok(true) => {}
-                Ok(false) => break None,
-                Err(error) if count > 0 => break Some(error),
-                Err(error) => return Err(error),
-            }
+            let mut batch = match batches.recv_timeout(due.saturating_duration_since(Instant::now())) {
+                Ok(Ok(batch)) => batch,
+                Ok(Err(error)) if count > 0 => break Some(error),
+                Ok(Err(error)) => return Err(error),
+                Err(RecvTimeoutError::Disconnected) => break None,
+                Err(RecvTimeoutError::Timeout) => {
+                    due = Instant::now() + PICTURE_INTERVAL;
+                    if show(&picture).is_break() {
+                        break None;
+                    }
+                    picture.clear();
+                    continue;
+                }
+            };
             let start = *start.get_or_insert_with(|| batch.first().map_or(0, |event| event.t));
             batch.iter_mut().for_each(|event| event.t -= start);
             for piece in batch.chunk_by(|a, b| a.t.div_euclid(PIECE) == b.t.div_euclid(PIECE)) {
@@ -116,6 +131,21 @@ pub fn replay(
         let _ = show(&picture);
         Ok(ReplayReport { events: count, seconds: last as f64 * 1e-6, seen, damage })
     })
+}
+
+/// Reads all events, until nobody takes them any more.
+fn pass_on(mut reader: EventReader, read: &SyncSender<Result<Vec<Event>, RecordingError>>) {
+    loop {
+        let mut batch = Vec::new();
+        let (next, is_last) = match reader.next_batch(&mut batch) {
+            Ok(true) => (Ok(batch), false),
+            Ok(false) => return,
+            Err(error) => (Err(error), true),
+        };
+        if read.send(next).is_err() || is_last {
+            return;
+        }
+    }
 }
 
 /// Runs the detector's thread.

@@ -38,7 +38,7 @@ pub const FORMAT: FileFormat = FileFormat {
     frames: Some(extras::visit_frames),
     extras: Some(extras::open),
     streams: summarise,
-    uses: Uses { stream: true, ..Uses::NONE },
+    uses: Uses { stream: true, growth: true, ..Uses::NONE },
     ..FileFormat::of_events("AEDAT 2.0", |head| head.bytes.starts_with(MAGIC), open)
 };
 
@@ -193,7 +193,7 @@ struct Start {
 }
 
 fn start(path: &Path, options: &RecordingOptions) -> Result<Start, RecordingError> {
-    let mut file = ByteReader::open(path)?;
+    let mut file = ByteReader::following(path, options.growth.as_ref())?;
     let header = header::read(&mut file)?;
     let first = file.position();
     let mut sample = Vec::new();

@@ -31,7 +31,7 @@ pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| summarise(path),
     frames: Some(extras::visit_frames),
     extras: Some(extras::open),
-    uses: Uses { stream: true, ..Uses::NONE },
+    uses: Uses { stream: true, growth: true, ..Uses::NONE },
     ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
 };
 
@@ -53,7 +53,7 @@ struct Decoder {
 }
 
 fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
-    let mut file = ByteReader::open(path)?;
+    let mut file = ByteReader::following(path, options.growth.as_ref())?;
     let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
         let kind = RecordingErrorKind::Unsupported(UnsupportedFormat::Aedat3Compressed);

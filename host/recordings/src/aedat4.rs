@@ -40,7 +40,7 @@ pub const FORMAT: FileFormat = FileFormat {
     extras: Some(open_extras),
     transfers: None,
     output: Some(&OUTPUT),
-    uses: Uses { stream: true, ..Uses::NONE },
+    uses: Uses { stream: true, growth: true, ..Uses::NONE },
 };
 
 fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
@@ -66,12 +66,12 @@ struct EventDecoder {
 
 impl EventDecoder {
     fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        let packets = PacketReader::open(path)?;
+        let packets = PacketReader::following(path, options.growth.clone())?;
         let header = packets.header();
         let mut notes = Vec::new();
         let error = |kind| RecordingError::new(path, kind);
         let stream = choose_stream(header, options.stream.as_deref(), &mut notes).map_err(error)?;
-        if header.table_position.is_none() {
+        if header.table_position.is_none() && options.growth.is_none() {
             notes.push("the recording was not closed (it has no table of packets); it is read packet by packet".into());
         }
         let sensor = match (sensor_size(stream), options.sensor) {
@@ -115,6 +115,10 @@ impl Decode for EventDecoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < BATCH {
+            // Events of a file that is still being written are returned packet by packet.
+            if self.packets.is_growing() && !batch.is_empty() {
+                break;
+            }
             let Some(head) = self.packets.next_packet()? else {
                 report.truncated = self.packets.truncated().cloned();
                 return Ok(false);

@@ -15,7 +15,6 @@ use evcal_core::event::Event;
 pub use messages::Messages;
 pub use messages::{CameraClock, event};
 use usb_davis::capture::{Capture, CaptureFormat, sniff};
-use usb_davis::dump::Growth;
 use usb_davis::protocol::Message;
 
 use super::date::date;
@@ -39,7 +38,7 @@ pub const FORMAT: FileFormat = FileFormat {
     extras: Some(open_extras),
     transfers: Some(|path, options| Capture::open_device(path, options.device)),
     output: Some(&dump_sink::OUTPUT),
-    uses: Uses { device: true, ..Uses::NONE },
+    uses: Uses { device: true, growth: true, ..Uses::NONE },
 };
 
 /// The bare stream, which is recognised only by its words.
@@ -73,17 +72,15 @@ struct Transfers {
 }
 
 fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
+    if let Some(growth) = &options.growth {
+        return Ok(transfers(Messages::follow(path, growth)?, format));
+    }
     // A dump contains a single camera.
     if options.device.is_some() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
         let kind = RecordingErrorKind::NoEffect { option: FormatOption::Device, format: "dump of one camera" };
         return Err(RecordingError::new(path, kind));
     }
     Ok(transfers(Messages::open(path, options.device)?, format))
-}
-
-/// Opens a dump that is still being written. At its current end, the decoder waits for more.
-pub(super) fn follow(path: &Path, growth: &Growth) -> Result<Box<dyn Decode>, RecordingError> {
-    Ok(transfers(Messages::follow(path, growth)?, FORMAT.name))
 }
 
 fn transfers(messages: Messages, format: &'static str) -> Box<dyn Decode> {
@@ -202,42 +199,6 @@ mod tests {
             assert_eq!(events, expected);
             assert_eq!((reader.report().damaged_packets, reader.report().frames), (0, Some(0)));
         }
-    }
-
-    #[test]
-    fn a_recording_can_be_read_while_it_is_written() {
-        let mut encoder = Encoder::new(Layout::DAVIS346);
-        let directory = tempfile::tempdir().expect("a directory can be made");
-        let path = directory.path().join("recording");
-        let growth = Growth::default();
-        let count = 50_000;
-        let read = std::thread::scope(|scope| {
-            let reading = scope.spawn(|| {
-                let recording = Recording::growing(&path, RecordingOptions::default(), growth.clone())?;
-                let (mut reader, mut batch, mut count) = (recording.open().ok()?, Vec::new(), 0);
-                while reader.next_batch(&mut batch).ok()? {
-                    count += batch.len();
-                    batch.clear();
-                }
-                Some(count)
-            });
-            let file = std::fs::File::create_new(&path).expect("it is new");
-            let dump = DumpWriter::new(file, &DumpHeader::default(), Compression::None).expect("a file");
-            let mut dump = dump.with_growth(growth.clone());
-            for index in 0..count {
-                let mut payload = Vec::new();
-                let event = PolarityEvent { time: index, x: 1, y: 2, polarity: WirePolarity::On };
-                encoder.event(&event, &mut payload).expect("in order");
-                let status = TransferStatus::Completed;
-                let transfer = Transfer { host_ns: Some(index * 1000), gap_before: false, status, payload: &payload };
-                dump.transfer(&transfer).expect("a file takes it");
-            }
-            dump.finish().expect("a file takes it");
-            growth.end();
-            reading.join().expect("it does not panic")
-        });
-        assert_eq!(read, Some(count as usize));
-        assert!(Recording::growing(directory.path().join("none"), RecordingOptions::default(), growth).is_none());
     }
 
     #[test]

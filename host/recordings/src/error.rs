@@ -270,7 +270,8 @@ impl RecordingError {
         Self { path: path.to_owned(), kind }
     }
 
-    pub(crate) fn io(path: &Path, error: io::Error) -> Self {
+    /// Creates the error of a file that cannot be read.
+    pub fn io(path: &Path, error: io::Error) -> Self {
         Self::new(path, RecordingErrorKind::Io(error))
     }
 }

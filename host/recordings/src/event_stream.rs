@@ -21,7 +21,7 @@ use evcal_core::sensor::Sensor;
 use super::bytes::ByteReader;
 use crate::counted::counted;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, OpenResult};
+use crate::format::{FileFormat, OpenResult, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -34,7 +34,10 @@ const HEAD: usize = MAGIC.len() + 4;
 const BLOCK: u64 = 1 << 17;
 
 /// Event Stream.
-pub const FORMAT: FileFormat = FileFormat::of_events("Event Stream", |head| head.bytes.starts_with(MAGIC), open);
+pub const FORMAT: FileFormat = FileFormat {
+    uses: Uses { growth: true, ..Uses::NONE },
+    ..FileFormat::of_events("Event Stream", |head| head.bytes.starts_with(MAGIC), open)
+};
 
 /// Kind of the events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,8 +79,8 @@ struct Decoder {
     measurements: u64,
 }
 
-fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
-    let mut file = ByteReader::open(path)?;
+fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
+    let mut file = ByteReader::following(path, options.growth.as_ref())?;
     let head = file.array::<HEAD>()?;
     let Some([.., major, _, _, kind]) = head else {
         return Err(file.damaged(0, "the header is incomplete"));
@@ -141,8 +144,9 @@ impl Decode for Decoder {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut block = std::mem::take(&mut self.block);
-        self.file.read(&mut block, BLOCK)?;
-        let more = block.len() as u64 == BLOCK;
+        let wanted = self.file.block(BLOCK);
+        self.file.read(&mut block, wanted)?;
+        let more = block.len() as u64 == wanted;
         let mut bytes = std::mem::take(&mut self.rest);
         bytes.extend_from_slice(&block);
         self.block = block;

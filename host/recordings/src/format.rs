@@ -15,7 +15,7 @@ use crate::options::RecordingOptions;
 use crate::reader::Decode;
 
 /// Number of bytes from the start of a file that are examined to find its format.
-const HEAD_LENGTH: u64 = 65_536;
+pub(crate) const HEAD_LENGTH: u64 = 65_536;
 
 /// Result of opening a file: a decoder at its beginning.
 pub type OpenResult = Result<Box<dyn Decode>, RecordingError>;
@@ -66,11 +66,13 @@ pub struct Uses {
     pub columns: bool,
     /// The file may contain several devices.
     pub device: bool,
+    /// The file can be read while it is written.
+    pub growth: bool,
 }
 
 impl Uses {
     /// No such options.
-    pub const NONE: Self = Self { stream: false, columns: false, device: false };
+    pub const NONE: Self = Self { stream: false, columns: false, device: false, growth: false };
 
     /// Returns the first of `options` that is given but does not apply.
     pub fn unused(self, options: &RecordingOptions) -> Option<FormatOption> {
@@ -79,6 +81,7 @@ impl Uses {
             (FormatOption::Columns, self.columns, options.columns.is_some()),
             (FormatOption::TimeUnit, self.columns, options.time_unit.is_some()),
             (FormatOption::Device, self.device, options.device.is_some()),
+            (FormatOption::Growth, self.growth, options.growth.is_some()),
         ]
         .into_iter()
         .find_map(|(option, is_used, is_given)| (is_given && !is_used).then_some(option))
@@ -91,6 +94,7 @@ impl Uses {
             columns: options.columns.clone().filter(|_| self.columns),
             time_unit: options.time_unit.filter(|_| self.columns),
             device: options.device.filter(|_| self.device),
+            growth: options.growth.clone().filter(|_| self.growth),
             ..options.clone()
         }
     }

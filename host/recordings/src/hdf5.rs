@@ -49,7 +49,7 @@ pub const FORMAT: FileFormat = FileFormat {
     frames: Some(extras::visit_frames),
     extras: Some(extras::open),
     output: Some(&write::OUTPUT),
-    uses: Uses { stream: true, columns: true, device: false },
+    uses: Uses { stream: true, columns: true, ..Uses::NONE },
     ..FileFormat::of_events("HDF5", recognise, open)
 };
 

@@ -59,7 +59,7 @@ pub fn is_folder(path: &Path) -> bool {
 /// An npz file.
 pub const ARCHIVE_FORMAT: FileFormat = FileFormat {
     output: Some(&OUTPUT),
-    uses: Uses { stream: true, columns: true, device: false },
+    uses: Uses { stream: true, columns: true, ..Uses::NONE },
     ..FileFormat::of_events("NumPy archive", |head| head.bytes.starts_with(archive::MAGIC), open_archive)
 };
 

@@ -5,6 +5,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use usb_davis::capture::DeviceAddress;
+use usb_davis::dump::Growth;
 
 /// Options for reading a recording. By default everything is taken from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,6 +22,9 @@ pub struct RecordingOptions {
     pub device: Option<DeviceAddress>,
     /// Treatment of damaged packets.
     pub damage: Damage,
+    /// Progress of the writing, if the file is still being written (see [`Recording::growing`](crate::Recording::growing)). At the end of
+    /// what is written, its first pass waits for more.
+    pub growth: Option<Growth>,
 }
 
 /// Treatment of a part of a recording that cannot be decoded.
@@ -44,6 +48,8 @@ pub enum FormatOption {
     TimeUnit,
     /// [`RecordingOptions::device`].
     Device,
+    /// [`RecordingOptions::growth`].
+    Growth,
 }
 
 impl fmt::Display for FormatOption {
@@ -53,6 +59,7 @@ impl fmt::Display for FormatOption {
             Self::Columns => "the order of columns",
             Self::TimeUnit => "the unit of times",
             Self::Device => "the choice of a device",
+            Self::Growth => "reading while it is written",
         })
     }
 }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
@@ -14,12 +15,15 @@ use crate::doubtful_unit::{Corrected, impossible_rate};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{NoExtras, ReadExtras};
 use crate::files::Files;
-use crate::format::{FileFormat, StreamSummary};
+use crate::format::{FileFormat, HEAD_LENGTH, StreamSummary};
 use crate::formats::format_of;
 use crate::memory::{self, MemoryDecoder};
 use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
 use crate::reader::{Decode, EventReader};
+
+/// Longest wait for the first [`HEAD_LENGTH`] bytes of a recording that is still being written.
+const BEGINNING: Duration = Duration::from_secs(1);
 
 /// A recording, in a file or in memory. Its events can be read as often as needed.
 #[derive(Clone)]
@@ -38,8 +42,6 @@ enum Source {
     File(&'static FileFormat),
     /// Memory, in the order in which the events were given.
     Memory(Arc<Vec<Event>>),
-    /// A `.dvraw` dump that may still be written.
-    Growing(Growth),
     /// A file of this format, followed by the files that continue it.
     Chain(&'static FileFormat, Arc<Vec<Recording>>),
 }
@@ -69,13 +71,28 @@ impl Recording {
         Self { path: name.into(), options, source, files: Files::default(), span: None }
     }
 
-    /// Creates a recording of a camera that is still recording into the dump at `path`. The first pass waits for more
-    /// data until `growth` reports the end. This function waits for the first bytes; it returns `None` if the recording
-    /// ended without any.
-    pub fn growing(path: impl Into<PathBuf>, options: RecordingOptions, growth: Growth) -> Option<Self> {
-        growth.wait_beyond(0)?;
-        let source = Source::Growing(growth);
-        Some(Self { path: path.into(), options, source, files: Files::default(), span: None })
+    /// Opens a recording that is still being written at `path`. A pass waits for more data until `growth` reports the end. This function
+    /// waits for the beginning of the recording.
+    ///
+    /// # Errors
+    /// As [`Recording::new`]; also if the recording ended without data, or has a format that cannot be read while it is written.
+    pub fn growing(
+        path: impl Into<PathBuf>,
+        options: RecordingOptions,
+        growth: Growth,
+    ) -> Result<Self, RecordingError> {
+        let path = path.into();
+        // The format may follow from the first bytes alone, its details from more of them.
+        growth.wait_beyond(0);
+        if !matches!(format_of(&path), Ok(format) if std::ptr::eq(format, &davis::FORMAT)) {
+            growth.wait_at_most(HEAD_LENGTH, BEGINNING);
+        }
+        let mut opened = Self::new(&path, RecordingOptions { growth: Some(growth.clone()), ..options.clone() });
+        if matches!(&opened, Err(error) if matches!(error.kind, RecordingErrorKind::UnknownFormat { .. })) {
+            growth.wait_at_most(HEAD_LENGTH, Duration::MAX);
+            opened = Self::new(&path, RecordingOptions { growth: Some(growth), ..options });
+        }
+        Ok(opened?.still_written())
     }
 
     /// Joins `files`, which continue each other and are in order of time (see [`chains`](crate::continued::chains)),
@@ -124,7 +141,6 @@ impl Recording {
         match &self.source {
             Source::File(format) | Source::Chain(format, _) => format,
             Source::Memory(_) => &memory::FORMAT,
-            Source::Growing(_) => &davis::FORMAT,
         }
     }
 
@@ -168,14 +184,12 @@ impl Recording {
     pub fn open(&self) -> Result<EventReader, RecordingError> {
         let reader = EventReader::new(&self.path, self.decoder()?, &self.options)?.limited_to(self.span.clone());
         // Events of a camera are shown as they arrive; its clock keeps them in order.
-        let is_live = matches!(self.source, Source::Growing(_));
-        Ok(if is_live { reader.without_delay() } else { reader })
+        Ok(if self.options.growth.is_some() { reader.without_delay() } else { reader })
     }
 
     fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {
         Ok(match &self.source {
             Source::File(format) => self.file_decoder(format)?,
-            Source::Growing(growth) => davis::follow(&self.path, growth)?,
             Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
             Source::Chain(_, others) => {
                 let open = |other: &Self| -> OpenDecoder {
@@ -363,6 +377,106 @@ mod tests {
             assert_eq!((report.events, report.out_of_range, report.strays), (3000, 0, 0), "{}", format.name);
             assert!(!output.contains_sensor || recording.own_sensor() == Some(SENSOR), "{}", format.name);
         }
+    }
+
+    /// Words of formats that evcal does not write: `count` events, one each 100 µs.
+    fn records(count: u32) -> impl Iterator<Item = (u32, u32, u32)> {
+        (0..count).map(|index| (100 * index, index % 340, index % 240))
+    }
+
+    fn dat(count: u32) -> Vec<u8> {
+        let words = records(count).flat_map(|(t, x, y)| [t, 1 << 28 | y << 14 | x]).flat_map(u32::to_le_bytes);
+        b"% Data file\n% Version 2\n% Height 260\n% Width 346\n\x0c\x08".iter().copied().chain(words).collect()
+    }
+
+    fn event_stream(count: u32) -> Vec<u8> {
+        let words = records(count).flat_map(|(_, x, y)| [100 << 1 | 1, x as u8, (x >> 8) as u8, y as u8, 0]);
+        b"Event Stream\x02\x00\x00\x01\x5a\x01\x04\x01".iter().copied().chain(words).collect()
+    }
+
+    fn aedat2(count: u32) -> Vec<u8> {
+        let words = records(count).flat_map(|(t, x, y)| [y << 22 | x << 12, t]).flat_map(u32::to_be_bytes);
+        b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.Davis346red\r\n".iter().copied().chain(words).collect()
+    }
+
+    fn aedat3(count: u32) -> Vec<u8> {
+        let mut bytes = b"#!AER-DAT3.1\r\n#Format: RAW\r\n#Source 1: DAVIS346\r\n#!END-HEADER\r\n".to_vec();
+        for (t, x, y) in records(count) {
+            bytes.extend(
+                [1_u8, 0, 1, 0].into_iter().chain([8_u32, 4, 0, 1, 1, 1].into_iter().flat_map(u32::to_le_bytes)),
+            );
+            bytes.extend([(x << 15 | y) << 2 | 3, t].into_iter().flat_map(u32::to_le_bytes));
+        }
+        bytes
+    }
+
+    /// Files arrive in pieces that end anywhere, with the beginning cut too.
+    #[test]
+    fn a_recording_can_be_read_while_it_is_written() {
+        let events: Vec<Event> = events(30_000)
+            .iter()
+            .enumerate()
+            .map(|(index, event)| Event { t: 1_000_003 + 100 * index as i64, ..*event })
+            .collect();
+        let mut files = vec![
+            ("Prophesee DAT", dat(20_000)),
+            ("Event Stream", event_stream(20_000)),
+            ("AEDAT 2.0", aedat2(20_000)),
+            ("AEDAT 3", aedat3(3000)),
+        ];
+        for format in FORMATS.iter().filter(|format| format.uses.growth) {
+            if let Some(output) = format.output {
+                let (_directory, path) = file(b"");
+                write(&path, *output, &events);
+                files.push((format.name, std::fs::read(&path).unwrap()));
+            }
+        }
+        let names: std::collections::BTreeSet<&str> = files.iter().map(|(name, _)| *name).collect();
+        let growing = FORMATS.iter().filter(|format| format.uses.growth && format.name != davis::BARE_FORMAT.name);
+        assert_eq!(names, growing.map(|format| format.name).collect());
+        for (name, content) in files {
+            let (directory, whole) = file(&content);
+            let (expected, _, error) = read(&whole, &RecordingOptions::default());
+            assert!(error.is_none() && expected.len() >= 3000, "{name}: {error:?}");
+            let (growth, path) = (Growth::default(), directory.path().join("growing"));
+            let read = std::thread::scope(|scope| {
+                let reading = scope.spawn(|| {
+                    let recording = Recording::growing(&path, RecordingOptions::default(), growth.clone()).unwrap();
+                    assert_eq!(recording.format().name, name);
+                    let (mut reader, mut batch, mut all) = (recording.open().unwrap(), Vec::new(), Vec::new());
+                    let mut early = false;
+                    while reader.next_batch(&mut batch).unwrap() {
+                        all.append(&mut batch);
+                        early |= all.len() < expected.len() / 2;
+                    }
+                    assert!(early, "{name}: events are returned while the file grows");
+                    all
+                });
+                let mut out = std::fs::File::create_new(&path).unwrap();
+                let mut written = 0;
+                for piece in content.chunks(content.len() / 40 + 1) {
+                    std::io::Write::write_all(&mut out, piece).unwrap();
+                    written += piece.len() as u64;
+                    growth.set(written);
+                    std::thread::sleep(std::time::Duration::from_millis(5));
+                }
+                growth.end();
+                reading.join().unwrap()
+            });
+            assert!(read == expected, "{name}: {} of {} events", read.len(), expected.len());
+        }
+    }
+
+    #[test]
+    fn a_recording_without_data_or_of_a_whole_format_cannot_be_read_while_it_is_written() {
+        let (_directory, empty) = file(b"");
+        let growth = Growth::default();
+        growth.end();
+        assert!(Recording::growing(&empty, RecordingOptions::default(), growth.clone()).is_err());
+        let (_directory, path) = file(b"");
+        write(&path, crate::numpy::OUTPUT, &events(100));
+        let error = Recording::growing(&path, RecordingOptions::default(), growth).map(|_| ()).unwrap_err();
+        assert!(matches!(error.kind, RecordingErrorKind::NoEffect { option: FormatOption::Growth, .. }), "{error}");
     }
 
     /// Writers of other programs store packets that overlap in time.

@@ -19,7 +19,6 @@ mod number;
 mod plain;
 
 use evcal_core::sensor::Sensor;
-use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -28,6 +27,7 @@ use error::MAX_LINE;
 use evcal_core::event::{Event, Polarity};
 use layout::Layout;
 
+use super::bytes::SourceFile;
 use super::bytes::share;
 use super::columns::{LayoutError, PolarityCode};
 use super::counter::TimeCounter;
@@ -41,7 +41,7 @@ use crate::reader::{Decode, RecordingInformation};
 /// Text or CSV.
 pub const FORMAT: FileFormat = FileFormat {
     output: Some(&OUTPUT),
-    uses: Uses { columns: true, ..Uses::NONE },
+    uses: Uses { columns: true, growth: true, ..Uses::NONE },
     ..FileFormat::of_events("text", recognise, Decoder::open)
 };
 
@@ -64,12 +64,14 @@ fn recognise(head: &Head) -> bool {
 }
 
 const BATCH: usize = 32_768;
+/// Number of events in a batch while the file is still being written, so that they appear soon.
+const GROWING_BATCH: usize = 256;
 /// Mark that editors on Windows write at the beginning of a text file.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
 struct Decoder {
     path: PathBuf,
-    file: BufReader<File>,
+    file: BufReader<SourceFile>,
     layout: Layout,
     counter: TimeCounter,
     information: RecordingInformation,
@@ -82,6 +84,8 @@ struct Decoder {
     length: u64,
     /// Length of the last field of the previous line.
     last_field: usize,
+    /// Number of events from which a batch is returned.
+    batch: usize,
 }
 
 /// Result of reading a line.
@@ -97,8 +101,8 @@ impl Decoder {
         let layout = head.text().ok_or(LayoutError::NoText).and_then(|text| layout::find(text, options));
         let layout = layout.map_err(|what| RecordingError::new(path, RecordingErrorKind::Layout(what)))?;
         let io = |error| RecordingError::io(path, error);
-        let file = File::open(path).map_err(io)?;
-        let length = file.metadata().map_err(io)?.len();
+        let file = SourceFile::open(path, options.growth.as_ref()).map_err(io)?;
+        let length = file.length().map_err(io)?;
         let mut file = BufReader::with_capacity(1 << 18, file);
         let mut byte = 0;
         while file.fill_buf().map_err(io)?.starts_with(BYTE_ORDER_MARK) {
@@ -114,7 +118,9 @@ impl Decoder {
         };
         let path = path.to_owned();
         let (line, counter) = (Vec::new(), TimeCounter::new(layout.time_unit));
-        Ok(Box::new(Self { path, file, layout, counter, information, line, number: 0, byte, length, last_field: 0 }))
+        let batch = if options.growth.is_some() { GROWING_BATCH } else { BATCH };
+        let (number, last_field) = (0, 0);
+        Ok(Box::new(Self { path, file, layout, counter, information, line, number, byte, length, last_field, batch }))
     }
 
     /// Reads the next event with the fast parser ([`plain`]), if the line has the usual form and is completely in the
@@ -182,7 +188,7 @@ impl Decode for Decoder {
     }
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
-        while batch.len() < BATCH {
+        while batch.len() < self.batch {
             let line = match self.next_plain_line() {
                 Some(event) => Line::Event(event),
                 None => self.next_line(report)?,

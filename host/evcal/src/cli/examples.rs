@@ -51,6 +51,9 @@ Examples:
     evcal live --board acircles:9x4:55mm:r17.5mm -o calibration
   Without a camera:
     evcal live --replay recording.dvraw --board acircles:9x4:55mm:r17.5mm -o calibration
+  From any other camera, by its own program:
+    CAMERA_PROGRAM | evcal live - --board acircles:9x4:55mm:r17.5mm -o calibration
+    evcal live recording.aedat4 --follow --board acircles:9x4:55mm:r17.5mm -o calibration
   Hints on the terminal once per second, as JSON; the last object is the calibration:
     evcal live --board acircles:9x4:55mm:r17.5mm -o calibration --no-page --json";
 

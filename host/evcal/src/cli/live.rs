@@ -4,16 +4,19 @@ mod ahead;
 mod browser;
 mod camera;
 mod checkpoint;
+mod incoming;
 mod lines;
 mod replay;
 mod window;
 
 use std::error::Error;
 use std::net::IpAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::settings::Settings;
 use evcal_files::folder::OutputFolder;
+use evcal_files::visible;
 use evcal_live::page::view::Context;
 use event_recordings::RecordingOptions;
 
@@ -24,11 +27,22 @@ use super::interrupt::Interrupt;
 use super::source_arguments::SourceArguments;
 use super::value;
 
+use self::incoming::Incoming;
+use self::replay::Source;
 use self::window::Window;
+
+/// Name of standard input on the command line.
+const STANDARD_INPUT: &str = "-";
 
 /// Arguments of `evcal live`.
 #[derive(clap::Args)]
 pub struct Arguments {
+    /// A recording that arrives now, instead of a camera: - for standard input, which is stored in DIR
+    #[arg(value_name = "-|RECORDING", conflicts_with_all = ["replay", "duration", "frames", "preset", "serial"])]
+    incoming: Option<PathBuf>,
+    /// Read RECORDING while another program is writing it
+    #[arg(long, requires = "incoming")]
+    follow: bool,
     #[command(flatten)]
     calibration: CalibrationArguments,
     #[command(flatten)]
@@ -101,17 +115,39 @@ fn speed(text: &str) -> Result<Speed, &'static str> {
 /// Runs `evcal live`: records, or plays a recording, and shows where to move the board; then calibrates as
 /// `evcal calibrate` does.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    if arguments.replay.is_none() && arguments.source.options() != RecordingOptions::default() {
+    let is_recording = arguments.replay.is_some() || arguments.incoming.is_some();
+    if !is_recording && arguments.source.options() != RecordingOptions::default() {
         return Err(UsageError("these options describe a recording: add --replay RECORDING".to_owned()).into());
+    }
+    let incoming = arguments.incoming.as_deref();
+    if let Some(file) = incoming.filter(|file| (*file == Path::new(STANDARD_INPUT)) == arguments.follow) {
+        let shown = visible::path(file);
+        return Err(UsageError(match arguments.follow {
+            true => "standard input is always read as it arrives: leave out --follow".to_owned(),
+            false => format!(
+                "a recording is played with '--replay {shown}'; one that is still being written is read with '{shown} --follow'"
+            ),
+        })
+        .into());
     }
     // Mistakes in the arguments are reported before the session begins.
     arguments.calibration.parameters()?;
     let settings = arguments.settings()?;
     let interrupt = Interrupt::catch()?;
     let folder = arguments.calibration.open_folder()?;
-    match &arguments.replay {
-        Some(recording) => replay::run(arguments, recording, &settings, &folder, &interrupt),
-        None => camera::run(arguments, &settings, &folder, &interrupt),
+    let options = arguments.source.options();
+    match (&arguments.replay, incoming) {
+        (Some(recording), _) => {
+            replay::run(arguments, Source::Whole(open_events(recording, options)?), &settings, &folder, &interrupt)
+        }
+        (None, Some(file)) => {
+            let incoming = match arguments.follow {
+                true => Incoming::follow(file, options, &interrupt)?,
+                false => Incoming::standard_input(&folder, options, &interrupt)?,
+            };
+            replay::run(arguments, Source::Incoming(incoming), &settings, &folder, &interrupt)
+        }
+        (None, None) => camera::run(arguments, &settings, &folder, &interrupt),
     }
 }
 

@@ -15,7 +15,7 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
         ErrorKind::InvalidSubcommand => file_first(&error),
         ErrorKind::UnknownArgument => {
             let words: Vec<String> = words.collect();
-            other_program(&error, &words).or_else(|| one_hyphen(&error, words.into_iter()))
+            other_program(&error).or_else(|| one_hyphen(&error, words.into_iter()))
         }
         ErrorKind::MissingRequiredArgument => without_board(&error),
         ErrorKind::ValueValidation => error.source().and_then(advice),
@@ -42,8 +42,8 @@ fn without_board(error: &clap::Error) -> Option<String> {
     })
 }
 
-/// Options of Kalibr, a board without `--board`, a recording for `evcal live` without `--replay`, and negative numbers.
-fn other_program(error: &clap::Error, words: &[String]) -> Option<String> {
+/// Options of Kalibr, a board without `--board`, and negative numbers.
+fn other_program(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(refused)) = error.get(ContextKind::InvalidArg) else { return None };
     let tip = match refused.as_str() {
         "--bag" | "--bags" => "the recording has no option in front: 'evcal calibrate RECORDING'".to_owned(),
@@ -51,9 +51,6 @@ fn other_program(error: &clap::Error, words: &[String]) -> Option<String> {
         "--topic" | "--topics" => "the topic of a bag is given with '--stream TOPIC'".to_owned(),
         "--models" => "the camera model is given with '--model'".to_owned(),
         board if board.parse::<Board>().is_ok() => format!("the board is given as '--board {board}'"),
-        file if words.first().is_some_and(|word| word == "live") && Path::new(file).exists() => {
-            format!("a recording is played with '--replay {file}'")
-        }
         number if number.starts_with('-') && number.chars().nth(1).is_some_and(|letter| letter.is_ascii_digit()) => {
             format!("is '{number}' a value below 0? This one has to be above 0, for example 6s")
         }

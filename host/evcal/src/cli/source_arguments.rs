@@ -40,6 +40,7 @@ impl SourceArguments {
             time_unit: self.time_unit,
             device: self.device,
             damage: if self.skip_damaged { Damage::Skip } else { Damage::Refuse },
+            growth: None,
         }
     }
 }

@@ -263,18 +263,19 @@ fn replay_prints_the_same_at_every_speed() {
 }
 
 #[test]
-fn replay_results_in_the_camera_of_calibrate() {
+fn every_kind_of_session_results_in_the_camera_of_calibrate() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("out");
-    let run = |arguments: &[&str]| {
+    let run_with = |arguments: &[&str], input: Vec<u8>| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
-        let output =
-            command.args(arguments).args(["--board", BOARD, "--json", "--force", "-o"]).arg(&out).output().unwrap();
+        command.args(arguments).args(["--board", BOARD, "--json", "--force", "-o"]).arg(&out).write_stdin(input);
+        let output = command.output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         // One object per line, also for the calibration.
         let text = String::from_utf8(output.stdout).unwrap();
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect::<Vec<Value>>()
     };
+    let run = |arguments: &[&str]| run_with(arguments, Vec::new());
     let live = run(&["live", "--replay", RECORDING, "--speed", "max", "--no-page"]);
     let calibrated = run(&["calibrate", RECORDING]);
     let (result, hints) = live.split_last().unwrap();
@@ -286,6 +287,34 @@ fn replay_results_in_the_camera_of_calibrate() {
         assert!(hint["t"].as_f64().unwrap() >= second as f64 + 1.0);
         assert!(hint["health"]["rate"].as_f64().unwrap() > 1e5 && hint["checkpoint"].is_null(), "{hint}");
         assert!(hint["hint"].is_string() && hint["missing"].is_array() && hint["ghost"][3][1].is_number(), "{hint}");
+    }
+
+    // The same events from another program: on standard input, and in a file that grows by pieces that end anywhere.
+    let [raw, table] = ["events.raw", "events.csv"].map(|name| folder.path().join(name));
+    for path in [&raw, &table] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
+        assert!(command.args(["convert", RECORDING]).arg(path).output().unwrap().status.success());
+    }
+    let words = std::fs::read(&raw).unwrap();
+    let piped = run_with(&["live", "-", "--no-page"], words.clone());
+    assert_eq!(std::fs::read(out.join("recording.raw")).unwrap(), words, "standard input is stored");
+    let text = std::fs::read(&table).unwrap();
+    let growing = folder.path().join("growing.csv");
+    std::fs::write(&growing, &text[..1000]).unwrap();
+    let mut writer = std::fs::OpenOptions::new().append(true).open(&growing).unwrap();
+    let followed = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for piece in text[1000..].chunks(text.len() / 50) {
+                sleep(Duration::from_millis(30));
+                std::io::Write::write_all(&mut writer, piece).unwrap();
+            }
+        });
+        run(&["live", growing.to_str().unwrap(), "--follow", "--no-page"])
+    });
+    for live in [piped, followed] {
+        let (result, hints) = live.split_last().unwrap();
+        assert_eq!((&result["camera"], &result["sigma"]), (&calibrated[0]["camera"], &calibrated[0]["sigma"]));
+        assert!(hints.len() >= 2 && hints.iter().any(|hint| hint["hint"].is_string()), "{hints:?}");
     }
 }
 

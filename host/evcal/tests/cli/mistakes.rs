@@ -120,7 +120,9 @@ const USAGE: &[Mistake] = &[
     mistake("simulate -o DIR/out --duration 3,5s", 2, "3,5s", "for example 6s"),
     mistake("record DIR/out.dvraw --duration 10", 2, "'10'", "for example 6s"),
     mistake("record DIR/out.aedat4", 2, "recorded as .dvraw", "evcal convert"),
-    mistake("live FIXTURE --board BOARD -o DIR/out", 2, "unexpected argument", "--replay"),
+    mistake("live FIXTURE --board BOARD -o DIR/out", 2, "a recording is played with", "--follow"),
+    mistake("live - --follow --board BOARD -o DIR/out", 2, "as it arrives", "leave out --follow"),
+    mistake("live DIR/sizeless.csv --follow --board BOARD -o DIR/out", 1, "sensor", "--sensor"),
     mistake(
         "board checkerboard:6x9:20mm --pdf DIR/board.pdf",
         2,

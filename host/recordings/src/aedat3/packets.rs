@@ -153,7 +153,7 @@ pub fn next_head(
     truncated: &mut Option<Truncation>,
 ) -> Result<Option<PacketHead>, RecordingError> {
     let byte = file.position();
-    if file.left() == 0 {
+    if file.at_end()? {
         return Ok(None);
     }
     let Some(head) = file.array::<HEAD>()? else {

@@ -8,6 +8,7 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
+use usb_davis::dump::Growth;
 use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 
 use super::header::{self, Compression, Header, MAGIC};
@@ -30,6 +31,8 @@ pub struct PacketReader {
     position: u64,
     /// Offset at which the packets end.
     end: u64,
+    /// Progress of the writing, if the file is still being written; `end` is then unknown.
+    growth: Option<Growth>,
     truncated: Option<Truncation>,
     packed: Vec<u8>,
     unpacked: Vec<u8>,
@@ -52,6 +55,11 @@ pub struct PacketHead {
 impl PacketReader {
     /// Opens the file and reads its header.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        Self::following(path, None)
+    }
+
+    /// Opens the file, which is still being written if there is a `growth`, and reads its header.
+    pub fn following(path: &Path, growth: Option<Growth>) -> Result<Self, RecordingError> {
         let io = |error| RecordingError::io(path, error);
         let damaged = |byte, what: String| {
             RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Nothing })
@@ -90,7 +98,8 @@ impl PacketReader {
         };
         let zstd = Decoder::new().map_err(io)?;
         let path = path.to_owned();
-        Ok(Self { path, file, header, position, end, truncated, packed: Vec::new(), unpacked: Vec::new(), zstd })
+        let (packed, unpacked) = (Vec::new(), Vec::new());
+        Ok(Self { path, file, header, position, end, growth, truncated, packed, unpacked, zstd })
     }
 
     /// Header of the file.
@@ -101,6 +110,11 @@ impl PacketReader {
     /// Fraction of the packets that has been read, 0 to 1.
     pub fn done(&self) -> f64 {
         share(self.position, self.end)
+    }
+
+    /// `true` while the file is still being written.
+    pub fn is_growing(&self) -> bool {
+        self.growth.is_some()
     }
 
     /// End of the file, if it comes too early; complete once [`Self::next_packet`] has returned `None`.
@@ -126,6 +140,7 @@ impl PacketReader {
 
     /// Reads the head of the next packet; `None` at the end. [`Self::content`] may then be called once for its content.
     pub fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
+        self.wait_for(self.position.saturating_add(8))?;
         let io = |error| RecordingError::io(&self.path, error);
         // The content of the previous packet may not have been read; seeks within the buffer if possible.
         let here = self.file.stream_position().map_err(io)?;
@@ -151,7 +166,13 @@ impl PacketReader {
             return Err(RecordingError::new(&self.path, kind));
         };
         let byte = start + 8;
-        let available = self.end - byte;
+        // The closing table, which looks like a packet of an unknown stream, or a damaged head. Which of the two is known at the end.
+        let is_known = self.header.streams.iter().any(|known| known.id == stream);
+        self.wait_for(if is_known { byte.saturating_add(length) } else { u64::MAX })?;
+        if self.end <= start {
+            return Ok(None);
+        }
+        let available = self.end.saturating_sub(byte);
         if length > available {
             self.cut_off(start, format!("{available} of {length} bytes of a packet of stream {stream}"))?;
             self.position = self.end;
@@ -159,6 +180,20 @@ impl PacketReader {
         }
         self.position = byte + length;
         Ok(Some(PacketHead { stream, byte, length, cut_off: false }))
+    }
+
+    /// Waits until the first `bytes` of a file that is still being written are there. If the writing ends before, the packets end where
+    /// its header says now.
+    fn wait_for(&mut self, bytes: u64) -> Result<(), RecordingError> {
+        let Some(growth) = &self.growth else { return Ok(()) };
+        if let Some(written) = growth.wait_beyond(bytes.saturating_sub(1)) {
+            self.end = written;
+            return Ok(());
+        }
+        let closed = Self::open(&self.path)?;
+        (self.end, self.truncated, self.header) = (closed.end, closed.truncated, closed.header);
+        self.growth = None;
+        Ok(())
     }
 
     /// Records that the file ends within a packet. If the closing table follows, the file is not cut off but damaged,

@@ -18,13 +18,16 @@ use evcal_core::event::{Event, Polarity};
 use super::header::Header;
 use crate::bytes::ByteReader;
 use crate::error::RecordingError;
-use crate::format::{FileFormat, Head, OpenResult};
+use crate::format::{FileFormat, Head, OpenResult, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::ReadReport;
 use crate::reader::{Decode, RecordingInformation};
 
 /// Prophesee DAT.
-pub const FORMAT: FileFormat = FileFormat::of_events("Prophesee DAT", |head| layout(head).is_some(), open);
+pub const FORMAT: FileFormat = FileFormat {
+    uses: Uses { growth: true, ..Uses::NONE },
+    ..FileFormat::of_events("Prophesee DAT", |head| layout(head).is_some(), open)
+};
 
 /// Size of an event in bytes.
 const RECORD: usize = 8;
@@ -67,8 +70,8 @@ struct Decoder {
     zero: i64,
 }
 
-fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
-    let mut file = ByteReader::open(path)?;
+fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
+    let mut file = ByteReader::following(path, options.growth.as_ref())?;
     let head = Head::read(path)?;
     let header = layout(&head).ok_or_else(|| file.damaged(0, "the header has changed"))?;
     file.seek(header.length as u64 + 2)?;

@@ -10,7 +10,7 @@ use super::write::OUTPUT;
 use super::{TRIGGERS, store_counts};
 use crate::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Head, OpenResult};
+use crate::format::{FileFormat, Head, OpenResult, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
 use crate::reader::{Decode, RecordingInformation};
@@ -19,6 +19,7 @@ use crate::unsupported_format::UnsupportedFormat;
 /// Prophesee RAW.
 pub const FORMAT: FileFormat = FileFormat {
     output: Some(&OUTPUT),
+    uses: Uses { growth: true, ..Uses::NONE },
     ..FileFormat::of_events(
         "Prophesee RAW",
         |head| Header::parse(&head.bytes).is_some_and(|header| encoding(&header).is_some()),
@@ -123,7 +124,7 @@ struct Decoder {
     zero: i64,
 }
 
-fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
+fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let unsupported = RecordingErrorKind::Unsupported(UnsupportedFormat::PropheseeEncoding);
     let head = Head::read(path)?;
     let words = |header: Header| {
@@ -133,7 +134,7 @@ fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let Some((words, header)) = Header::parse(&head.bytes).and_then(words) else {
         return Err(RecordingError::new(path, unsupported));
     };
-    let mut file = ByteReader::open(path)?;
+    let mut file = ByteReader::following(path, options.growth.as_ref())?;
     file.seek(header.length as u64)?;
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
     let (zero, notes) = header.zero();
@@ -147,7 +148,8 @@ impl Decode for Decoder {
     }
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
-        self.file.read(&mut self.block, BLOCK)?;
+        let wanted = self.file.block(BLOCK);
+        self.file.read(&mut self.block, wanted)?;
         let (triggers, zero) = (&mut self.triggers, self.zero);
         let rest = self.words.decode(&self.block, &mut |record| match record {
             EvtRecord::Event(event) => batch.push(Event { t: event.t.saturating_add(zero), ..event }),
@@ -161,7 +163,7 @@ impl Decode for Decoder {
             let byte = self.file.position() - rest as u64;
             report.truncated = Some(Truncation { byte, lost: format!("{rest} bytes of a word are left") });
         }
-        Ok(self.block.len() as u64 == BLOCK)
+        Ok(self.block.len() as u64 == wanted)
     }
 
     fn done(&self) -> Option<f64> {

@@ -174,6 +174,7 @@ fn name(option: FormatOption) -> &'static str {
         FormatOption::Columns => "--columns",
         FormatOption::TimeUnit => "--time-unit",
         FormatOption::Device => "--device",
+        FormatOption::Growth => "--follow",
     }
 }
 

@@ -49,7 +49,7 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
     ) -> Self {
         let work = move || {
             let options = RecordingOptions::default();
-            let growing = Recording::growing(path, options.clone(), shared.growth.clone())?;
+            let growing = Recording::growing(path, options.clone(), shared.growth.clone()).ok()?;
             let mut inputs = Vec::new();
             for path in before {
                 inputs.push(Input::open(path, &options, &board).ok()?);

@@ -1,9 +1,7 @@
-//! `evcal live --replay`.
+//! `evcal live` with a recording: a whole one, or one that arrives.
 
 use std::ops::ControlFlow;
-use std::path::Path;
 
-use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::detection::search::sensor_of;
 use evcal_calibrate::settings::Settings;
 use evcal_files::folder::OutputFolder;
@@ -12,11 +10,13 @@ use evcal_live::latest::Latest;
 use evcal_live::observer::Observer;
 use evcal_live::replay::replay;
 use evcal_live::wanted::words;
+use event_recordings::Recording;
 
 use super::super::calibrate::{CameraRecordings, calibrate_recordings};
 use super::super::interrupt::Interrupt;
 use super::super::print;
 use super::super::progress::Waiting;
+use super::incoming::Incoming;
 use super::lines::Lines;
 use super::{Arguments, checkpoint, open_window};
 
@@ -24,32 +24,49 @@ use super::{Arguments, checkpoint, open_window};
 /// checkpoint. At about this time the result would be known during a live recording.
 const SHOWN_AT_LENGTH: f64 = 1.5;
 
+/// The recording of a session.
+pub enum Source {
+    /// It is complete, and is played at the requested speed.
+    Whole(Recording),
+    /// It is being written, and is shown as it arrives.
+    Incoming(Incoming),
+}
+
 /// Plays a recording until it is good enough, then calibrates from all of it.
 pub fn run(
     arguments: &Arguments,
-    path: &Path,
+    source: Source,
     settings: &Settings,
     folder: &OutputFolder,
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
     let json = arguments.calibration.json;
     let options = arguments.source.options();
-    let recording = open_events(path, options.clone())?;
-    let sensor = sensor_of(&recording)?;
+    let (recording, speed) = match &source {
+        Source::Whole(recording) => (recording, arguments.speed.times()),
+        Source::Incoming(incoming) => (&incoming.recording, None),
+    };
+    let path = recording.path();
+    // A recording that is being written cannot be read ahead for its sensor and board.
+    let (sensor, known, report_time) = match &source {
+        Source::Whole(_) => (sensor_of(recording)?, vec![path.to_owned()], ReportTime::AtLength(SHOWN_AT_LENGTH)),
+        Source::Incoming(incoming) => (incoming.sensor, Vec::new(), ReportTime::WhenReady),
+    };
     let method = &arguments.calibration.method;
-    let board = &method.choose_board(&[path.to_owned()], &options, &settings.detection)?;
-    let checkpoints =
-        checkpoint::start(arguments, settings, board, &[], path, &options, ReportTime::AtLength(SHOWN_AT_LENGTH))?;
+    let board = &method.choose_board(&known, &options, &settings.detection)?;
+    let checkpoints = checkpoint::start(arguments, settings, board, &[], path, &options, report_time)?;
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
     let latest = Latest::new(observer.seen());
-    let window = open_window(arguments, folder, recording.may_contain_frames())?;
-    let mut screen = window.as_ref().map(|window| window.screen(Some(recording.clone())));
+    let with_frames = matches!(source, Source::Whole(_)).then(|| recording.clone());
+    let has_frames = with_frames.as_ref().is_some_and(Recording::may_contain_frames);
+    let window = open_window(arguments, folder, has_frames)?;
+    let mut screen = window.as_ref().map(|window| window.screen(with_frames));
     let mut lines = Lines::new(json, arguments.mirror);
     let report = replay(
-        &recording,
+        recording,
         sensor,
-        arguments.speed.times(),
+        speed,
         observer,
         &latest,
         |seen| lines.print_hint(seen, None),
@@ -61,6 +78,10 @@ pub fn run(
             if is_over { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         },
     )?;
+    let stored = match &source {
+        Source::Whole(_) => Ok(()),
+        Source::Incoming(incoming) => incoming.end(),
+    };
     interrupt.release();
     lines.finish()?;
     let seen = &report.seen;
@@ -91,5 +112,5 @@ pub fn run(
     if let Some(window) = window {
         window.finish(sensor, seen, folder, &calibrated, false);
     }
-    calibrated
+    calibrated.and(stored)
 }
