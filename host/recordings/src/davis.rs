@@ -68,22 +68,25 @@ fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadEx
 
 struct Transfers {
     messages: Messages,
+    /// Number of events from which a batch is returned.
+    batch: usize,
     information: RecordingInformation,
 }
 
 fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
     if let Some(growth) = &options.growth {
-        return Ok(transfers(Messages::follow(path, growth)?, format));
+        // Events appear with their transfer.
+        return Ok(transfers(Messages::follow(path, growth)?, 1, format));
     }
     // A dump contains a single camera.
     if options.device.is_some() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
         let kind = RecordingErrorKind::NoEffect { option: FormatOption::Device, format: "dump of one camera" };
         return Err(RecordingError::new(path, kind));
     }
-    Ok(transfers(Messages::open(path, options.device)?, format))
+    Ok(transfers(Messages::open(path, options.device)?, BATCH, format))
 }
 
-fn transfers(messages: Messages, format: &'static str) -> Box<dyn Decode> {
+fn transfers(messages: Messages, batch: usize, format: &'static str) -> Box<dyn Decode> {
     let header = messages.header();
     let mut notes = Vec::new();
     if header.registers.is_empty() {
@@ -96,7 +99,7 @@ fn transfers(messages: Messages, format: &'static str) -> Box<dyn Decode> {
         began: i64::try_from(header.start_unix_ns / 1000).ok().and_then(date),
         notes,
     };
-    Box::new(Transfers { messages, information })
+    Box::new(Transfers { messages, batch, information })
 }
 
 impl Decode for Transfers {
@@ -106,7 +109,7 @@ impl Decode for Transfers {
 
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut more = Ok(true);
-        while matches!(more, Ok(true)) && batch.len() < BATCH {
+        while matches!(more, Ok(true)) && batch.len() < self.batch {
             more = self.messages.next(|message, shift| {
                 if let Message::Events(events) = message {
                     batch.extend(events.iter().map(|wire| event(wire, shift)));

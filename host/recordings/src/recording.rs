@@ -10,7 +10,6 @@ use evcal_core::sensor::Sensor;
 use usb_davis::dump::Growth;
 
 use crate::chain::{ChainDecoder, ChainExtras, OpenDecoder};
-use crate::davis;
 use crate::doubtful_unit::{Corrected, impossible_rate};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::extras::{NoExtras, ReadExtras};
@@ -84,9 +83,7 @@ impl Recording {
         let path = path.into();
         // The format may follow from the first bytes alone, its details from more of them.
         growth.wait_beyond(0);
-        if !matches!(format_of(&path), Ok(format) if std::ptr::eq(format, &davis::FORMAT)) {
-            growth.wait_at_most(HEAD_LENGTH, BEGINNING);
-        }
+        growth.wait_at_most(HEAD_LENGTH, BEGINNING);
         let mut opened = Self::new(&path, RecordingOptions { growth: Some(growth.clone()), ..options.clone() });
         if matches!(&opened, Err(error) if matches!(error.kind, RecordingErrorKind::UnknownFormat { .. })) {
             growth.wait_at_most(HEAD_LENGTH, Duration::MAX);
@@ -432,7 +429,8 @@ mod tests {
             }
         }
         let names: std::collections::BTreeSet<&str> = files.iter().map(|(name, _)| *name).collect();
-        let growing = FORMATS.iter().filter(|format| format.uses.growth && format.name != davis::BARE_FORMAT.name);
+        let growing =
+            FORMATS.iter().filter(|format| format.uses.growth && format.name != crate::davis::BARE_FORMAT.name);
         assert_eq!(names, growing.map(|format| format.name).collect());
         for (name, content) in files {
             let (directory, whole) = file(&content);
@@ -454,11 +452,15 @@ mod tests {
                 });
                 let mut out = std::fs::File::create_new(&path).unwrap();
                 let mut written = 0;
-                for piece in content.chunks(content.len() / 40 + 1) {
+                for (index, piece) in content.chunks(content.len() / 40 + 1).enumerate() {
+                    if index == 15 {
+                        // The beginning of a short file is waited for.
+                        std::thread::sleep(BEGINNING + Duration::from_millis(300));
+                    }
                     std::io::Write::write_all(&mut out, piece).unwrap();
                     written += piece.len() as u64;
                     growth.set(written);
-                    std::thread::sleep(std::time::Duration::from_millis(5));
+                    std::thread::sleep(Duration::from_millis(5));
                 }
                 growth.end();
                 reading.join().unwrap()

@@ -110,10 +110,24 @@ impl<R: Read + Seek> DumpReader<R> {
         Self { growth: Some(growth), ..self }
     }
 
-    /// Updates the length of the file, and waits for the next record if necessary.
+    /// Waits for the whole next record of a dump that is still being written.
     fn follow(&mut self) -> Result<(), DumpError> {
-        let Some(growth) = &self.growth else { return Ok(()) };
-        match growth.wait_beyond(self.offset) {
+        let contents = self.offset + HEAD as u64;
+        if self.grows_beyond(contents - 1)? {
+            let mut bytes = [0; HEAD];
+            self.read_bytes(self.offset, &mut bytes)?;
+            if let Some((head, _)) = Head::parse(&bytes) {
+                self.grows_beyond((contents + u64::from(head.stored)).saturating_sub(1))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until the dump has more than `bytes`, and updates its length. Returns `false` if nobody writes it, or not any more.
+    fn grows_beyond(&mut self, bytes: u64) -> Result<bool, DumpError> {
+        let Some(growth) = &self.growth else { return Ok(false) };
+        let length = growth.wait_beyond(bytes);
+        match length {
             Some(length) => self.length = length,
             None => {
                 self.growth = None;
@@ -121,7 +135,7 @@ impl<R: Read + Seek> DumpReader<R> {
                 self.position = self.length;
             }
         }
-        Ok(())
+        Ok(length.is_some())
     }
 
     /// Returns the header.
