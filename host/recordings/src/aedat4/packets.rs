@@ -160,18 +160,20 @@ impl PacketReader {
         let [a, b, c, d, e, f, g, h] = head;
         let stream = i32::from_le_bytes([a, b, c, d]);
         let size = i32::from_le_bytes([e, f, g, h]);
+        // The closing table, which looks like a packet of an unknown stream, or a damaged head. Which of the two is known at the end.
+        if !self.header.streams.iter().any(|known| known.id == stream) {
+            self.wait_for(u64::MAX)?;
+        }
+        if self.end <= start {
+            return Ok(None);
+        }
         let Ok(length) = u64::try_from(size) else {
             let what = format!("a packet of stream {stream} states a size of {size} bytes");
             let kind = RecordingErrorKind::Damaged { byte: start, what, usable: Usable::Before };
             return Err(RecordingError::new(&self.path, kind));
         };
         let byte = start + 8;
-        // The closing table, which looks like a packet of an unknown stream, or a damaged head. Which of the two is known at the end.
-        let is_known = self.header.streams.iter().any(|known| known.id == stream);
-        self.wait_for(if is_known { byte.saturating_add(length) } else { u64::MAX })?;
-        if self.end <= start {
-            return Ok(None);
-        }
+        self.wait_for(byte.saturating_add(length))?;
         let available = self.end.saturating_sub(byte);
         if length > available {
             self.cut_off(start, format!("{available} of {length} bytes of a packet of stream {stream}"))?;
