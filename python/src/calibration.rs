@@ -345,8 +345,9 @@ pub fn board_request(board: &str) -> PyResult<BoardRequest> {
     board.parse().map_err(|error: BoardError| PyValueError::new_err(error.to_string()))
 }
 
-/// Parses the name of a camera model, or "auto".
-pub fn model_request(model: &str) -> PyResult<ModelRequest> {
+/// Parses the name of a camera model, or "auto"; without a name, returns the usual model.
+pub fn model_request(model: Option<&str>) -> PyResult<ModelRequest> {
+    let Some(model) = model else { return Ok(ModelRequest::default()) };
     model.parse().map_err(|error| PyValueError::new_err(format!("{error} auto: not {model:?}")))
 }
 
@@ -366,7 +367,7 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// data frame of the columns t, x, y and p.
 /// board: such as "acircles:9x4:55mm:r17.5mm": layout, rows x columns, spacing (acircles: half the distance in a row),
 /// radius. "auto:55mm:r17.5mm" recognises layout, rows and columns.
-/// model: the camera model, or "auto".
+/// model: the camera model, or "auto"; without it, "radtan", or another model if radtan cannot follow the lens.
 /// sensor: (width, height) in pixels; needed for arrays, and for files that do not contain it.
 /// columns, time_unit, stream: as for read.
 /// settings: a settings file (TOML).
@@ -383,13 +384,13 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// contain the reason. Raises Error if the camera cannot be calibrated, and ValueError or TypeError for wrong
 /// arguments.
 #[pyfunction]
-#[pyo3(signature = (events, *, board, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="cross-check", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
+#[pyo3(signature = (events, *, board, model=None, sensor=None, columns=None, time_unit=None, stream=None, settings=None, frames="cross-check", imu=None, gravity=None, with_=None, with_sensor=None, with_stream=None, rolling_shutter=false, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
 pub fn calibrate(
     py: Python<'_>,
     events: &Bound<'_, PyAny>,
     board: &str,
-    model: &str,
+    model: Option<&str>,
     sensor: Option<(u16, u16)>,
     columns: Option<String>,
     time_unit: Option<String>,

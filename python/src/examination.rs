@@ -72,7 +72,7 @@ pub fn check<'py>(
 /// parts, stated: the reported standard deviation) and projection (px, root mean square difference from the mean
 /// camera).
 #[pyfunction]
-#[pyo3(signature = (events, *, board, runs=10, seconds=4.0, seed=1, model="radtan", sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
+#[pyo3(signature = (events, *, board, runs=10, seconds=4.0, seed=1, model=None, sensor=None, columns=None, time_unit=None, stream=None, settings=None))]
 #[expect(clippy::too_many_arguments, reason = "all but the first are named by the caller")]
 pub fn repeat<'py>(
     py: Python<'py>,
@@ -81,7 +81,7 @@ pub fn repeat<'py>(
     runs: u16,
     seconds: f64,
     seed: u64,
-    model: &str,
+    model: Option<&str>,
     sensor: Option<(u16, u16)>,
     columns: Option<String>,
     time_unit: Option<String>,

@@ -37,7 +37,6 @@ mod unstated_rows;
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
 
-use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 use rayon::ThreadPool;
 
@@ -50,7 +49,7 @@ use self::still_views::AtRest;
 use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
 use crate::detection::still_views::LEAST_TIME;
-use crate::initial::model_choice::ModelRequest;
+use crate::initial::model_choice::{ModelRequest, USUAL};
 use crate::quality::verdict::Grade;
 use crate::settings::Settings;
 use crate::solve::SolveError;
@@ -102,13 +101,13 @@ pub struct Task<'a> {
 static DEFAULTS: LazyLock<Settings> = LazyLock::new(Settings::default);
 
 impl<'a> Task<'a> {
-    /// Creates a task for a radtan camera from these inputs with the default settings. Other fields are set as in `Task { model:
-    /// ModelRequest::Auto, ..Task::new(&inputs, &board) }`.
+    /// Creates a task for a camera of the usual model from these inputs with the default settings. Other fields are set as in
+    /// `Task { model: ModelRequest::Auto, ..Task::new(&inputs, &board) }`.
     pub fn new(inputs: &'a [Input], board: &'a Board) -> Self {
         Self {
             inputs,
             board,
-            model: ModelRequest::Given(ModelKind::Radtan),
+            model: ModelRequest::default(),
             sensor: None,
             pictures: PictureUse::default(),
             parameters: ParameterRequests::default(),
@@ -116,6 +115,15 @@ impl<'a> Task<'a> {
             command_line: "",
             wording: advice::plain,
             readers: None,
+        }
+    }
+
+    /// Returns the requested model. Requests for parameters of the lens are requests for the usual model, because other models have
+    /// other parameters.
+    fn model(&self) -> ModelRequest {
+        match self.model {
+            ModelRequest::Usual if self.parameters.has_intrinsics() => ModelRequest::Given(USUAL),
+            model => model,
         }
     }
 }

@@ -37,6 +37,7 @@ use crate::solve::pose_covariance::PoseCovariance;
 use crate::solve::refinement::Refined;
 use crate::solve::{Problem, SolveError, State};
 use evcal_geometry::board::Board;
+use evcal_geometry::lens::folds::folds;
 
 /// Quality measures of a calibration, whatever its input was.
 #[derive(Clone, Debug)]
@@ -104,8 +105,12 @@ pub fn better_model(refined: &Refined, inflation: f64) -> Option<ModelKind> {
     misfit_of(problem, state, &residuals, inflation)?.better.map(|better| better.kind)
 }
 
+/// Returns the misfit if the residuals contradict the model, or if it folds over inside the image and another model does not.
 fn misfit_of(problem: &Problem, state: &State, residuals: &ResidualMap, inflation: f64) -> Option<Misfit> {
-    residuals.pattern.is_suspicious().then(|| misfit(problem, state, &residuals.pattern, inflation))
+    let is_suspicious = residuals.pattern.is_suspicious();
+    (is_suspicious || folds(&state.camera, problem.sensor))
+        .then(|| misfit(problem, state, &residuals.pattern, inflation))
+        .filter(|misfit| is_suspicious || misfit.better.is_some())
 }
 
 /// Uncertainty of a joint solve, the board in it, and the coefficients that it does not determine.

@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod bad_input;
+mod default_model;
 mod frames;
 mod inertial;
 mod long_recordings;

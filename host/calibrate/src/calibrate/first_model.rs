@@ -1,5 +1,7 @@
 //! The first camera, or the reason why it could not be estimated.
 
+use std::fmt::Display;
+
 use evcal_core::sensor::Sensor;
 
 use super::Task;
@@ -8,8 +10,10 @@ use super::error::CalibrateError;
 use super::progress::Progress;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::radius::other_radius;
-use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
-use crate::initial::{InitialModel, initial_model};
+use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, USUAL, USUAL_CANDIDATES, choose_model};
+use crate::initial::{InitialError, InitialModel, initial_model};
+use evcal_core::camera::ModelKind;
+use evcal_geometry::lens::folds::folds;
 
 /// The first camera, with the poses of the frames.
 pub(super) struct FirstModel {
@@ -29,33 +33,70 @@ pub(super) fn first_model(
     sensor: Sensor,
     progress: &Progress,
 ) -> Result<FirstModel, CalibrateError> {
-    of_model(task, frames, sensor, progress).map_err(|error| explained(error, task, frames))
+    model_of(task, frames, sensor, "reference frames", progress).map_err(|error| explained(error, task, frames))
 }
 
-fn of_model(
+/// Computes the first camera from `frames`, which are called `what` in progress messages.
+///
+/// # Errors
+/// [`CalibrateError::Initial`]; [`CalibrateError::Stopped`] if the caller cancelled.
+pub(super) fn model_of(
     task: &Task,
     frames: &[ReferenceFrame],
     sensor: Sensor,
+    what: impl Copy + Display,
     progress: &Progress,
 ) -> Result<FirstModel, CalibrateError> {
-    let settings = task.settings;
-    progress.report(format!("initial model from {} reference frames", frames.len()))?;
-    match task.model {
-        ModelRequest::Given(model) => {
-            let initial = initial_model(frames, task.board, sensor, model, &settings.initial)?;
-            Ok(FirstModel { initial, choice: None })
-        }
-        ModelRequest::Auto => {
-            // The choice of the model cannot be cancelled. A request to cancel takes effect after it.
-            let on_progress = |model| {
-                let _ = progress.report(format!("initial model {model} from {} reference frames", frames.len()));
-            };
-            let (initial, choice) =
-                choose_model(frames, task.board, sensor, &CANDIDATES, &settings.initial, on_progress)?;
-            progress.go_on()?;
-            Ok(FirstModel { initial, choice: Some(choice) })
-        }
+    progress.report(format!("initial model from {} {what}", frames.len()))?;
+    let of = |model: ModelKind| initial_model(frames, task.board, sensor, model, &task.settings.initial);
+    match task.model() {
+        ModelRequest::Given(model) => Ok(FirstModel { initial: of(model)?, choice: None }),
+        ModelRequest::Auto => chosen(task, &CANDIDATES, frames, sensor, what, progress),
+        ModelRequest::Usual => match of(USUAL) {
+            Ok(initial) if folds(&initial.camera, sensor) => {
+                let chosen = chosen(task, &USUAL_CANDIDATES, frames, sensor, what, progress).ok();
+                let suits = |chosen: &FirstModel| chosen.choice.as_ref().is_some_and(|choice| !choice.prefers(USUAL));
+                Ok(chosen.filter(suits).unwrap_or(FirstModel { initial, choice: None }))
+            }
+            Err(error) if may_be_wide(&error, frames.len(), of) => {
+                chosen(task, &USUAL_CANDIDATES, frames, sensor, what, progress).map_err(|_| error.into())
+            }
+            usual => Ok(FirstModel { initial: usual?, choice: None }),
+        },
     }
+}
+
+/// Tries `models` on `frames`, which are called `what` in progress messages.
+///
+/// # Errors
+/// The error of the first candidate, if none has an initial model.
+fn chosen(
+    task: &Task,
+    models: &[ModelKind],
+    frames: &[ReferenceFrame],
+    sensor: Sensor,
+    what: impl Display,
+    progress: &Progress,
+) -> Result<FirstModel, CalibrateError> {
+    // The choice of the model cannot be cancelled. A request to cancel takes effect after it.
+    let on_progress = |model| {
+        let _ = progress.report(format!("initial model {model} from {} {what}", frames.len()));
+    };
+    let stage = &task.settings.initial;
+    let (initial, choice) = choose_model(frames, task.board, sensor, models, stage, on_progress)?;
+    progress.go_on()?;
+    Ok(FirstModel { initial, choice: Some(choice) })
+}
+
+/// Returns `true` if the usual model may have failed with this `error` because the lens is a fisheye: a model of fisheyes explains
+/// most of the frames.
+fn may_be_wide(
+    error: &InitialError,
+    frames: usize,
+    of: impl Fn(ModelKind) -> Result<InitialModel, InitialError>,
+) -> bool {
+    matches!(error, InitialError::TooFewFrames { .. } | InitialError::NoCamera { .. })
+        && of(ModelKind::KannalaBrandt).is_ok_and(|initial| 2 * initial.frames.len() > frames)
 }
 
 /// Returns a more specific reason than `error`, if the frames show one.

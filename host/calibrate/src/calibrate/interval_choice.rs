@@ -136,9 +136,9 @@ impl SecondInformation {
         let views: Vec<Vec<ObservedCircle>> =
             frames.iter().step_by(frames.len().div_ceil(VIEWS).max(1)).map(CompactFrame::observed).collect();
         let views: Vec<&[ObservedCircle]> = views.iter().map(Vec::as_slice).collect();
-        let models = match task.model {
+        let models = match task.model() {
             ModelRequest::Given(kind) => vec![kind],
-            ModelRequest::Auto => LIKELY.to_vec(),
+            ModelRequest::Auto | ModelRequest::Usual => LIKELY.to_vec(),
         };
         let camera =
             models.into_iter().find_map(|kind| provisional_camera(&views, task.board, sensor, kind, settings))?;

@@ -1,18 +1,17 @@
 //! The joint solve, repeated with another camera model if the events require one.
 
-use evcal_core::camera::refit::refit;
-
 use super::Task;
 use super::board_solve::{BoardSolve, solve_with_board};
 use super::error::CalibrateError;
 use super::progress::Progress;
-use crate::initial::model_choice::ModelChoice;
+use crate::initial::model_choice::{ModelChoice, ModelRequest};
 use crate::quality::better_model;
+use crate::quality::misfit::refitted;
 use crate::solve::State;
 use crate::solve::refinement::RefinementInput;
 
-/// Solves from `state` on. If the model was chosen automatically and the events require another one, solves again with that
-/// model.
+/// Solves from `state` on. If the user named no model and the events require another one, solves again with that model. `choice` is
+/// the choice of the model from the points, if there was one.
 ///
 /// # Errors
 /// [`CalibrateError`].
@@ -25,12 +24,14 @@ pub(super) fn solve_with_model(
 ) -> Result<(BoardSolve, Option<ModelChoice>), CalibrateError> {
     let board = state.board;
     let solved = solve_with_board(task, input, state, progress)?;
-    let Some(choice) = choice else { return Ok((solved, None)) };
+    if matches!(task.model(), ModelRequest::Given(_)) {
+        return Ok((solved, choice));
+    }
     let better = better_model(&solved.refined, solved.certainty.intrinsics.inflation);
-    let camera = better.and_then(|kind| refit(kind, &solved.refined.state.camera, input.sensor));
-    let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, Some(choice))) };
+    let camera = better.and_then(|kind| refitted(kind, &solved.refined.state.camera, input.sensor));
+    let Some((kind, camera)) = better.zip(camera) else { return Ok((solved, choice)) };
     progress.report(format!("joint solve with {kind}"))?;
     let state = State { camera, board, ..solved.refined.into_state() };
     let solved = solve_with_board(task, input, state, progress)?;
-    Ok((solved, Some(choice.instead(kind))))
+    Ok((solved, Some(choice.unwrap_or_else(ModelChoice::usual).instead(kind))))
 }

@@ -62,6 +62,11 @@ enum Place {
 }
 
 impl ParameterRequests {
+    /// Returns `true` if an intrinsic parameter is fixed or always estimated.
+    pub fn has_intrinsics(&self) -> bool {
+        self.fixed_intrinsics.iter().any(Option::is_some) || self.free_intrinsics.contains(&true)
+    }
+
     /// Parses requests: `NAME=VALUE` fixes a parameter, `NAME` estimates it. `model` is the model of the lens, if it is known.
     ///
     /// # Errors

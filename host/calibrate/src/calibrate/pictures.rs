@@ -7,13 +7,14 @@ use super::board_solve::BoardSolve;
 use super::calibrated::{Calibrated, Evidence};
 use super::detected::common_sensor;
 use super::error::CalibrateError;
+use super::first_model::{FirstModel, model_of};
 use super::progress::Progress;
 use super::{PictureUse, Task, orientation};
 use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
 use crate::detection::pictures::tag_corners::TagCorners;
-use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, choose_model};
+use crate::initial::model_choice::{ModelChoice, ModelRequest};
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureSource, calibrate_pictures,
@@ -295,19 +296,11 @@ pub(super) fn calibrate_seen(
 ) -> Result<Calibrated, CalibrateError> {
     let starts = seen.starts.clone();
     let choose = |frames: &[ReferenceFrame]| -> Result<(ModelKind, Option<ModelChoice>), CalibrateError> {
-        match task.model {
-            ModelRequest::Given(model) => Ok((model, None)),
-            ModelRequest::Auto => {
-                let stage = &task.settings.initial;
-                // The choice of the model cannot be cancelled. A request to cancel takes effect after it.
-                let on_progress = |model| {
-                    let _ = progress.report(format!("initial model {model} from {} {source}", frames.len()));
-                };
-                let (initial, choice) = choose_model(frames, task.board, sensor, &CANDIDATES, stage, on_progress)?;
-                progress.go_on()?;
-                Ok((initial.camera.kind(), Some(choice)))
-            }
+        if let ModelRequest::Given(model) = task.model() {
+            return Ok((model, None));
         }
+        let FirstModel { initial, choice } = model_of(task, frames, sensor, source, progress)?;
+        Ok((initial.camera.kind(), choice))
     };
     let calibrate_with = |seen: SeenPictures, model: ModelKind| {
         picture_calibration(task, seen, source, sensor, model, progress)?.ok_or_else(|| no_pictures(task))?.map_err(

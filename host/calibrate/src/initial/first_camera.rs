@@ -1,8 +1,9 @@
 //! The first camera, from a diverse subset of the sightings.
 
+use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector2};
 use rayon::prelude::*;
 
 use super::bundle::{Bundle, BundleView, bundle};
@@ -21,19 +22,33 @@ const BUNDLE_VIEWS: usize = 80;
 /// Largest standard deviation of the focal length, as a share of it, at which a camera counts as calibrated.
 const MAX_FOCAL_DEVIATION: f64 = 0.05;
 
+/// Smallest share of the points of views with a pose that agree with a good camera.
+const MIN_AGREEING: f64 = 0.9;
+
+/// A refined camera, and the part of the views that it explains.
+struct Candidate {
+    bundle: Bundle,
+    /// Number of views with a pose.
+    views: usize,
+    /// Number of points that agree with the poses.
+    agreeing: usize,
+    /// Number of points of the views with a pose.
+    points: usize,
+}
+
 /// Refines a camera by bundle adjustment on the views that get a pose with it.
-pub fn refine_start(
+fn refine_start(
     camera: &Camera<f64>,
     views: &[&[BoardPoint]],
     sensor: Sensor,
     settings: &InitialSettings,
-) -> Option<(usize, Bundle)> {
-    let posed: Vec<(Vec<BoardPoint>, Isometry3<f64>)> = views
+) -> Option<Candidate> {
+    let posed: Vec<(Vec<BoardPoint>, usize, Isometry3<f64>)> = views
         .par_iter()
         .map(|points| {
             let found = robust_pose(camera, points, settings).ok()?;
             let agreeing = points.iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(point, _)| *point);
-            Some((agreeing.collect(), found.pose))
+            Some((agreeing.collect(), points.len(), found.pose))
         })
         .collect::<Vec<_>>()
         .into_iter()
@@ -42,9 +57,15 @@ pub fn refine_start(
     if posed.len() < settings.min_frames {
         return None;
     }
-    let views: Vec<BundleView<'_>> = posed.iter().map(|(points, pose)| BundleView { points, pose: *pose }).collect();
+    let views: Vec<BundleView<'_>> =
+        posed.iter().map(|(agreeing, _, pose)| BundleView { points: agreeing, pose: *pose }).collect();
     let free = vec![true; camera.kind().parameter_names().len()];
-    Some((posed.len(), bundle(camera, &views, &free, sensor, HUBER)?))
+    Some(Candidate {
+        bundle: bundle(camera, &views, &free, sensor, HUBER)?,
+        views: posed.len(),
+        agreeing: posed.iter().map(|(agreeing, ..)| agreeing.len()).sum(),
+        points: posed.iter().map(|(_, points, _)| points).sum(),
+    })
 }
 
 /// Views from which the first camera is computed.
@@ -60,9 +81,6 @@ impl StartViews<'_> {
         self.all.get(..self.first).unwrap_or(&self.all)
     }
 }
-
-/// A refined camera and the number of views that got a pose with it.
-type Candidate = Option<(usize, Bundle)>;
 
 /// Computes the camera from a diverse subset of the sightings, refined.
 pub fn first_camera(
@@ -84,17 +102,46 @@ pub fn first_camera(
     let reason = reason(started.opencv.as_ref());
     report.native_start = started.opencv.is_none();
     report.opencv = started.opencv;
-    if report.opencv.is_some() && !is_good(&best, &views) {
+    if report.opencv.is_some() && !is_good(best.as_ref(), &views) {
         let native = native_start(kind, views.first(), sensor, settings)
             .and_then(|start| refine_start(&start.camera, &views.all, sensor, settings));
-        if merit(&native) > merit(&best) {
+        if merit(native.as_ref()) > merit(best.as_ref()) {
             best = native;
             report.native_start = true;
         }
     }
-    let (_, bundle) = best.ok_or(InitialError::NoCamera { views: views.all.len(), reason })?;
+    if !is_good(best.as_ref(), &views) {
+        let fisheye = from_fisheye(kind, &views, sensor, settings);
+        if merit(fisheye.as_ref()) > merit(best.as_ref()) {
+            best = fisheye;
+            report.native_start = report.opencv.is_none();
+        }
+    }
+    let bundle = best.ok_or(InitialError::NoCamera { views: views.all.len(), reason })?.bundle;
     views_differ(&bundle)?;
     Ok(bundle)
+}
+
+/// Computes a fisheye camera, and from it a camera of model `kind`. A polynomial in the tangent of the angle to the axis has many
+/// local minima for a lens with strong barrel distortion; a polynomial in the angle starts near the right one.
+fn from_fisheye(
+    kind: ModelKind,
+    views: &StartViews<'_>,
+    sensor: Sensor,
+    settings: &InitialSettings,
+) -> Option<Candidate> {
+    const FISHEYE: ModelKind = ModelKind::KannalaBrandt;
+    if kind == FISHEYE {
+        return None;
+    }
+    let started = start_of(settings).camera(FISHEYE, views.first(), sensor, settings).camera?;
+    let fisheye = refine_start(&started, &views.all, sensor, settings)?.bundle.camera;
+    let &[_, _, cx, cy, ..] = fisheye.parameters().as_slice() else { return None };
+    let center = Vector2::new(cx, cy);
+    let points = views.all.iter().copied().flatten();
+    let covered = points.map(|point| (point.image - center).norm()).fold(0.0, f64::max);
+    let inside = |pixel: &Vector2<f64>| (pixel - center).norm() <= covered && fisheye.unproject(pixel).is_some();
+    refine_start(&refit_where(kind, &fisheye, sensor, inside)?, &views.all, sensor, settings)
 }
 
 /// Returns the reason to report if no camera is found.
@@ -106,15 +153,18 @@ fn reason(opencv: Option<&OpencvStart>) -> String {
     })
 }
 
-/// Returns `true` if a camera explains most of the views.
-fn is_good(candidate: &Candidate, views: &StartViews<'_>) -> bool {
-    candidate.as_ref().is_some_and(|(posed, bundle)| 2 * posed > views.all.len() && bundle.rms <= MAX_START_RMS)
+/// Returns `true` if a camera explains most of the views, and nearly all points of these.
+fn is_good(candidate: Option<&Candidate>, views: &StartViews<'_>) -> bool {
+    candidate.is_some_and(|Candidate { bundle, views: posed, agreeing, points }| {
+        let agree = *agreeing as f64 >= MIN_AGREEING * *points as f64;
+        2 * posed > views.all.len() && agree && bundle.rms <= MAX_START_RMS
+    })
 }
 
-/// Returns a key by which candidates are compared: the number of views that the camera explains, then minus their root mean square
+/// Returns a key by which candidates are compared: the number of points that the camera explains, then minus their root mean square
 /// error.
-fn merit(candidate: &Candidate) -> (usize, f64) {
-    candidate.as_ref().map_or((0, f64::NEG_INFINITY), |(posed, bundle)| (*posed, -bundle.rms))
+fn merit(candidate: Option<&Candidate>) -> (usize, f64) {
+    candidate.map_or((0, f64::NEG_INFINITY), |candidate| (candidate.agreeing, -candidate.bundle.rms))
 }
 
 /// Returns an error if the views do not determine the focal lengths.

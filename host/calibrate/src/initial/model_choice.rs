@@ -40,9 +40,20 @@ pub const CANDIDATES: [ModelKind; 9] = [
 pub const WIDELY_SUPPORTED: [ModelKind; 4] =
     [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::KannalaBrandt];
 
+/// The model of common lenses.
+pub const USUAL: ModelKind = ModelKind::Radtan;
+
+/// Models that are compared if [`USUAL`] does not suit the lens. Models with more freedom, or of other families, need the events as
+/// evidence: where the board was not seen they differ by pixels, although they predict the points equally well.
+pub const USUAL_CANDIDATES: [ModelKind; 3] = [ModelKind::Radtan4, USUAL, ModelKind::KannalaBrandt];
+
 /// The requested camera model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ModelRequest {
+    /// [`USUAL`], or, if it does not fit the lens, a model that does: one of [`USUAL_CANDIDATES`] by the points, or another one by the
+    /// events.
+    #[default]
+    Usual,
     /// A given model.
     Given(ModelKind),
     /// The one of [`CANDIDATES`] that suits the recording.
@@ -53,9 +64,10 @@ impl ModelRequest {
     /// Name of [`ModelRequest::Auto`].
     pub const AUTO: &'static str = "auto";
 
-    /// Returns the name of the model, or `auto`.
+    /// Returns the name of the model, or `auto`. The usual model has its own name.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Usual => USUAL.name(),
             Self::Given(kind) => kind.name(),
             Self::Auto => Self::AUTO,
         }
@@ -72,6 +84,8 @@ impl FromStr for ModelRequest {
 
 /// Largest excess of a model's held-out cost over the best one's, in standard errors, at which it is as good.
 const STANDARD_ERRORS: f64 = 1.0;
+/// Difference of two models' held-out costs that chance does not cause, in standard errors.
+const CERTAIN_ERRORS: f64 = 3.0;
 /// Largest relative excess of an OpenCV/ROS model's cost over the best one's at which it is chosen, if OpenCV and ROS support
 /// none of the equally good models.
 const NEGLIGIBLE: f64 = 1e-3;
@@ -191,6 +205,9 @@ pub struct ModelChoice {
 
 impl fmt::Display for ModelChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.candidates.is_empty() {
+            return f.write_str(&self.reason());
+        }
         write!(f, "{} chosen; held-out points of {} (px, px²):", self.chosen, self.circles_of)?;
         for candidate in &self.candidates {
             write!(f, "\n{:<14} {:>2} parameters", candidate.model, candidate.parameters)?;
@@ -213,6 +230,21 @@ impl fmt::Display for ModelChoice {
 }
 
 impl ModelChoice {
+    /// Returns `true` if `kind` predicts held-out points certainly better than the chosen model, which was chosen because `kind` folds
+    /// over where nothing was seen.
+    pub fn prefers(&self, kind: ModelKind) -> bool {
+        self.candidates.iter().filter(|candidate| candidate.model == kind.name()).any(|candidate| {
+            let certain = candidate.standard_error.map(|error| -CERTAIN_ERRORS * error);
+            candidate.excess.zip(certain).is_some_and(|(excess, certain)| excess < certain)
+        })
+    }
+
+    /// Returns the choice of the usual model, without a comparison.
+    pub fn usual() -> Self {
+        let usual = USUAL.name().to_owned();
+        Self { chosen: usual.clone(), instead_of: None, circles_of: usual, candidates: Vec::new() }
+    }
+
     /// Returns the choice after the events showed that `better` can follow the lens, and the chosen model cannot.
     pub fn instead(self, better: ModelKind) -> Self {
         Self { chosen: better.name().to_owned(), instead_of: Some(self.chosen), ..self }
@@ -221,6 +253,9 @@ impl ModelChoice {
     /// Returns the reason of the choice, in one sentence.
     pub fn reason(&self) -> String {
         if let Some(first) = &self.instead_of {
+            if self.candidates.is_empty() {
+                return format!("{} chosen: the events show that {first} does not fit this lens", self.chosen);
+            }
             return format!(
                 "{} chosen: {first} fits the points best, but the events show that it does not fit this lens",
                 self.chosen
@@ -466,7 +501,36 @@ mod tests {
     }
 
     #[test]
+    fn a_folded_model_is_preferred_only_if_it_is_certainly_better() {
+        let choice = |excess: f64| {
+            let radtan = CandidateReport {
+                model: "radtan".to_owned(),
+                parameters: 9,
+                count: 100,
+                root_mean_cost: Some(0.2),
+                excess: Some(excess),
+                standard_error: Some(0.01),
+                as_good: false,
+                nearly_as_good: false,
+                folds: true,
+                failure: None,
+            };
+            ModelChoice { candidates: vec![radtan], ..ModelChoice::usual() }
+        };
+        assert!(choice(-0.04).prefers(USUAL) && !choice(-0.02).prefers(USUAL) && !choice(0.04).prefers(USUAL));
+        assert!(!choice(-0.04).prefers(ModelKind::Radtan4) && !ModelChoice::usual().prefers(USUAL));
+    }
+
+    #[test]
+    fn the_reason_names_the_usual_model_that_does_not_fit() {
+        let reason = ModelChoice::usual().instead(ModelKind::KannalaBrandt).reason();
+        assert_eq!(reason, "kannala-brandt chosen: the events show that radtan does not fit this lens");
+    }
+
+    #[test]
     fn requests_are_read_by_name() {
+        assert_eq!((ModelRequest::default(), ModelRequest::default().name()), (ModelRequest::Usual, "radtan"));
+        assert_eq!("radtan".parse(), Ok(ModelRequest::Given(ModelKind::Radtan)));
         assert_eq!("auto".parse(), Ok(ModelRequest::Auto));
         assert_eq!("double-sphere".parse(), Ok(ModelRequest::Given(ModelKind::DoubleSphere)));
         assert_eq!("Auto".parse::<ModelRequest>(), Err(UnknownModel));

@@ -3,9 +3,13 @@
 //! Residuals that stay in the same parts of the image show that a model cannot follow the lens, but not how large its error is,
 //! because poses and other parameters absorb a part of it. So the other models are solved on a part of the events, starting at
 //! the result of this model. The projection difference to the best of them estimates the error of this model.
+//!
+//! A model that folds over inside the image is wrong there in any case. Other models that do not fold are better if they explain
+//! the events as well.
 
-use evcal_core::camera::refit::refit;
+use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
+use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 
 use crate::quality::residual_map::ResidualPattern;
@@ -36,6 +40,9 @@ const ITERATIONS: usize = 6;
 /// Largest number of iterations if the board's shape is estimated, which converges more slowly than a change of the
 /// model.
 const SHAPE_ITERATIONS: usize = 10;
+
+/// Largest number of iterations from the result of a model that folds over, whose poses may be far off.
+const FOLDED_ITERATIONS: usize = 20;
 
 /// A model explains the events better if it decreases the cost by more than this number times the inflation (the
 /// variance of the estimate divided by the variance with independent events), because chance decreases the cost too.
@@ -104,7 +111,7 @@ pub fn lens_explains_more(
     let Ok(with_shape) = solve(&thinned(problem, step, free, SHAPE_ITERATIONS), shaped) else { return false };
     let chance = CERTAIN * (inflation / step as f64).max(1.0);
     CANDIDATES.into_iter().filter(|&kind| kind != own).any(|kind| {
-        let Some(camera) = refit(kind, &state.camera, problem.sensor) else { return false };
+        let Some(camera) = refitted(kind, &state.camera, problem.sensor) else { return false };
         let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
         let solved = solve(&thinned(problem, step, free, ITERATIONS), State { camera, ..state.clone() });
         solved.is_ok_and(|solved| solved.report.final_cost + chance < with_shape.report.final_cost)
@@ -127,30 +134,36 @@ fn thinned(problem: &Problem, step: usize, free: FreeParameters, iterations: usi
     Problem { iterations, free, ..problem.with_segments(segments) }
 }
 
+/// Returns the camera of model `kind` nearest to `camera`, which may fold over: on the pixels that have a bearing.
+pub fn refitted(kind: ModelKind, camera: &Camera<f64>, sensor: Sensor) -> Option<Camera<f64>> {
+    refit_where(kind, camera, sensor, |pixel| camera.unproject(pixel).is_some())
+}
+
 fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<BetterModel> {
     let step = thinning(problem);
+    let own = state.camera.kind();
+    let own_folds = folds(&state.camera, problem.sensor);
+    let iterations = if own_folds { FOLDED_ITERATIONS } else { ITERATIONS };
     let solved = |kind: ModelKind, camera: Camera<f64>| {
         let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
-        let solved = solve(&thinned(problem, step, free, ITERATIONS), State { camera, ..state.clone() }).ok()?;
+        let solved = solve(&thinned(problem, step, free, iterations), State { camera, ..state.clone() }).ok()?;
         Some((kind, solved.state.camera, solved.report.final_cost))
     };
-    let own = state.camera.kind();
     let (_, _, own_cost) = solved(own, state.camera)?;
     let others: Vec<_> = CANDIDATES
         .into_iter()
         .filter(|&kind| kind != own)
-        .filter_map(|kind| solved(kind, refit(kind, &state.camera, problem.sensor)?))
+        .filter_map(|kind| solved(kind, refitted(kind, &state.camera, problem.sensor)?))
         .collect();
     let best = others.iter().map(|(_, _, cost)| *cost).fold(f64::INFINITY, f64::min);
     let chance = CERTAIN * (inflation / step as f64).max(1.0);
-    if best + chance >= own_cost {
-        return None;
-    }
     // Of the models that explain as much, the first that does not fold over inside the image.
     let as_good = others.into_iter().filter(|(_, _, cost)| *cost <= best + chance);
-    let (kind, camera, _) = as_good.min_by_key(|(_, camera, _)| folds(camera, problem.sensor))?;
+    let (kind, camera, cost) = as_good.min_by_key(|(_, camera, _)| folds(camera, problem.sensor))?;
+    let is_better =
+        best + chance < own_cost || own_folds && cost <= own_cost + chance && !folds(&camera, problem.sensor);
     let difference = projection_difference(&state.camera, &camera, problem.sensor).ok()?;
-    Some(BetterModel { kind, difference })
+    is_better.then_some(BetterModel { kind, difference })
 }
 
 /// Enlarges `uncertainty` so that the bound of `projection` includes the misfit.
@@ -169,6 +182,26 @@ mod tests {
 
     use super::*;
     use crate::quality::uncertainty::projection::projection_uncertainty;
+
+    /// A pinhole model that was fitted to a fisheye defines less than half of the pixels. A comparison over the whole sensor found no
+    /// camera of another model, so the verdict blamed the board.
+    #[test]
+    fn a_folded_camera_has_a_neighbour_of_another_model() {
+        let sensor = Sensor::new(346, 260);
+        let parameters = [102.7, 102.7, 173.1, 130.1, -0.24, 0.055, 0.0, 0.0, -0.0056];
+        let folded = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        assert_eq!(evcal_core::camera::refit::refit(ModelKind::KannalaBrandt, &folded, sensor), None);
+        let near = refitted(ModelKind::KannalaBrandt, &folded, sensor).unwrap();
+        for pixel in [[173.0, 130.0], [200.0, 130.0], [130.0, 150.0], [173.0, 180.0]].map(nalgebra::Vector2::from) {
+            let seen = near.project(&folded.unproject(&pixel).unwrap()).unwrap();
+            assert!((seen - pixel).norm() < 2.0, "{pixel} {seen}");
+        }
+        // Of a camera that defines all pixels, it is the fit over the whole sensor.
+        let parameters = [331.0, 332.0, 176.0, 134.0, -0.35, 0.15, -4e-4, 5e-4, -0.03];
+        let whole = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        let over_all = evcal_core::camera::refit::refit(ModelKind::Eucm, &whole, sensor);
+        assert!(over_all.is_some() && over_all == refitted(ModelKind::Eucm, &whole, sensor));
+    }
 
     #[test]
     fn the_bound_grows_by_the_misfit() {

@@ -20,7 +20,7 @@ use evcal_calibrate::detection::settings::{DetectionSettings, Grid};
 use evcal_calibrate::inertial;
 use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_calibrate::inertial::units::MessageUnits;
-use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_calibrate::initial::model_choice::{ModelRequest, USUAL};
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
 use evcal_calibrate::trajectory::RotationSpline;
@@ -196,9 +196,10 @@ pub struct MethodArguments {
     /// auto:25mm recognises a board of squares (length of a square or tag), auto:55mm:r17.5mm a grid of circles
     #[arg(long, value_parser = super::board_argument::board_request)]
     pub board: BoardRequest,
-    /// Camera model; auto chooses the simplest model that fits held-out points as well as the best one
-    #[arg(long, default_value = "radtan", value_parser = super::value::model_request())]
-    pub model: ModelRequest,
+    /// Camera model; auto chooses the simplest model that fits held-out points as well as the best one [default: radtan, or another
+    /// model if radtan cannot follow the lens]
+    #[arg(long, value_parser = super::value::model_request())]
+    model: Option<ModelRequest>,
     /// Circle extraction: hard or soft [default: hard]
     #[arg(long, value_parser = extraction, help_heading = METHOD)]
     extraction: Option<Extraction>,
@@ -214,6 +215,11 @@ pub struct MethodArguments {
 }
 
 impl MethodArguments {
+    /// Returns the requested model.
+    pub fn model(&self) -> ModelRequest {
+        self.model.unwrap_or_default()
+    }
+
     /// Returns the settings of the file, with the options that replace some of them.
     pub fn settings(&self) -> Result<Settings, Box<dyn Error>> {
         let mut settings = read_settings(self.settings.as_deref(), self.grid)?;
@@ -279,8 +285,9 @@ pub(super) fn extraction(text: &str) -> Result<Extraction, &'static str> {
 impl CalibrationArguments {
     /// Returns the parameters that are fixed or always estimated.
     pub fn parameters(&self) -> Result<ParameterRequests, UsageError> {
-        let model = match self.method.model {
+        let model = match self.method.model() {
             ModelRequest::Given(model) => Some(model),
+            ModelRequest::Usual => Some(USUAL),
             ModelRequest::Auto => None,
         };
         ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(with_advice(&error)))
@@ -410,7 +417,7 @@ pub fn calibrate_recordings(
     let rolling_shutter = others.rolling_shutter;
     let open = |(index, (path, stream)): (usize, (&PathBuf, _))| {
         let sensor = others.sensors.get(index).copied().or(options.sensor);
-        let model = others.models.get(index).copied().unwrap_or(arguments.method.model);
+        let model = others.models.get(index).copied().unwrap_or(arguments.method.model());
         let options = RecordingOptions { sensor, ..options.clone() };
         let input = Input::open_other(path, stream, others.stamps, &options, &board)?;
         Ok(Other { input, sensor, model })

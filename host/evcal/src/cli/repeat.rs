@@ -43,7 +43,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let recording = open_events(&arguments.recording, options)?;
     let files = std::slice::from_ref(&arguments.recording);
     let board = &arguments.method.choose_board(files, recording.options(), &settings.detection)?;
-    let model = arguments.method.model;
+    let model = arguments.method.model();
     let task = Task { model, sensor, pictures: PictureUse::Ignore, settings: &settings, ..Task::new(&[], board) };
     let parts = RepeatSettings { runs: arguments.runs.into(), seconds: arguments.seconds, seed: arguments.seed };
     let mut waiting = Waiting::new(arguments.json);

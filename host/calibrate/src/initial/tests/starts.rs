@@ -86,3 +86,25 @@ fn exact_sightings(kind: ModelKind) -> (Scene, Vec<Sighting>) {
     sighting::pair_points(&mut sightings, &scene.board);
     (scene, sightings)
 }
+
+/// Strong barrel distortion: a scan over focal lengths without knowledge of the lens ends in a local minimum of the polynomial in the
+/// tangent. The start from a fisheye camera reaches the lens.
+#[test]
+fn strong_barrel_distortion_is_reached() {
+    let lenses = [
+        [205.0, 205.0, 177.0, 126.0, -0.42, 0.2, 0.001, -0.001, -0.045],
+        [230.0, 231.0, 170.0, 133.0, -0.40, 0.16, -0.0005, 0.0008, -0.03],
+        [190.0, 190.0, 173.0, 130.0, -0.34, 0.12, 0.0003, -0.0002, -0.018],
+    ];
+    for parameters in lenses {
+        let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        for seed in [3, 4] {
+            let scene = Scene { camera, step: 0.06, count: 100, ..Scene::new(ModelKind::Radtan) };
+            let frames = scene.frames(seed, |_| Fault::None);
+            let found = model(&scene, &frames, &NativeStart { seed: 0 });
+            let away = (found.camera.parameters()[0] - parameters[0]).abs();
+            assert!(away < 2.0, "{parameters:?}, seed {seed}: {:?}", found.camera);
+            assert!(2 * found.frames.len() > frames.len(), "{parameters:?}, seed {seed}: {}", found.frames.len());
+        }
+    }
+}

@@ -19,6 +19,13 @@ use crate::solve::left_out::{LeftOut, Reason};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::lens::folds::{folded_share, jumps};
 
+/// Models that project points in front of the camera only.
+const PINHOLE: [ModelKind; 4] = [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::InverseRadial];
+
+/// Share of the pixels up to which a fold affects only the outermost pixels of the corners, which a lens with strong barrel distortion
+/// does not fill.
+const FOLDED_CORNERS: f64 = 0.01;
+
 /// Runs all checks.
 pub(super) fn findings_on(
     camera: &Camera<f64>,
@@ -34,10 +41,17 @@ pub(super) fn findings_on(
         .extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board.circles()?)));
     findings.extend(events.and_then(|events| board_finding(&events.board, board, camera)));
     findings.extend(pixels_not_square(camera, quality));
-    findings.extend(not_one_to_one(camera, sensor));
+    let better = match events {
+        Some(events) => events.misfit.as_ref().and_then(|misfit| Some(misfit.better.as_ref()?.kind)),
+        // Pictures are not solved with other models. Most lenses that fold over with a pinhole model are wide.
+        None => PINHOLE.contains(&camera.kind()).then_some(ModelKind::KannalaBrandt),
+    };
+    let folded = not_one_to_one(camera, better, sensor);
+    let folds = folded.is_some();
+    findings.extend(folded);
     findings.extend(events.and_then(|events| fixed(camera, &events.undetermined)));
     findings.extend(undetermined(camera, quality, events.map_or(&[], |events| &events.undetermined)));
-    findings.extend(events.and_then(|events| too_poor(camera, events)));
+    findings.extend(events.and_then(|events| too_poor(camera, events, folds)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
     findings.extend(events.and_then(|events| unexplained(&events.left_out)));
     findings.extend(events.and_then(saturated));
@@ -232,7 +246,8 @@ fn pixels_not_square(camera: &Camera<f64>, quality: &Quality) -> Option<Finding>
     })
 }
 
-fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
+/// Finds a lens that folds over inside the image; `better` is the model that follows the lens better, if there is one.
+fn not_one_to_one(camera: &Camera<f64>, better: Option<ModelKind>, sensor: Sensor) -> Option<Finding> {
     let share = folded_share(camera, sensor);
     let reason = if share > 0.0 {
         format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share)
@@ -243,16 +258,9 @@ fn not_one_to_one(camera: &Camera<f64>, sensor: Sensor) -> Option<Finding> {
     };
     Some(Finding {
         cause: Cause::NotOneToOne,
-        severity: Severity::Warning,
+        severity: if share > 0.0 && share < FOLDED_CORNERS { Severity::Warning } else { Severity::Failure },
         reason,
-        advice: match camera.kind() {
-            ModelKind::Radtan | ModelKind::Radtan8 => {
-                "cover the corners of the image, or use the model radtan4, for a wide lens kannala-brandt"
-            }
-            ModelKind::Radtan4 => "cover the corners of the image, or, for a wide lens, use the model kannala-brandt",
-            _ => "cover the corners of the image",
-        }
-        .into(),
+        advice: better.map_or_else(|| "cover the corners of the image".into(), Advice::TakeModel),
     })
 }
 
@@ -314,12 +322,14 @@ fn simpler_model(kind: ModelKind) -> Option<(ModelKind, &'static str)> {
     }
 }
 
-fn too_poor(camera: &Camera<f64>, events: &EventQuality) -> Option<Finding> {
-    let misfit = events.misfit.as_ref()?;
+/// Finds residuals that stay in the same parts of the image. If the lens model `folds` over, this is the cause of those that no other
+/// model explains.
+fn too_poor(camera: &Camera<f64>, events: &EventQuality, folds: bool) -> Option<Finding> {
+    let pattern = &events.residuals.pattern;
+    let misfit = events.misfit.as_ref().filter(|_| pattern.is_suspicious())?;
     let own = camera.kind();
     let Some(BetterModel { kind, difference }) = &misfit.better else {
-        let pattern = &events.residuals.pattern;
-        return pattern.is_condemning().then(|| Finding {
+        return (pattern.is_condemning() && !folds).then(|| Finding {
             cause: Cause::ModelTooPoor,
             severity: Severity::Warning,
             reason: format!(
@@ -384,9 +394,28 @@ mod tests {
         let [k1, k4] = [1.9901_f64, 1.99].map(|radius| -1.0 / (radius * radius));
         let parameters = [100.0, 100.0, 159.5, 159.5, k1, 0.0, 0.0, 0.0, 0.0, k4, 0.0, 0.0];
         let camera = Camera::from_parameters(ModelKind::Radtan8, &parameters).unwrap();
-        let reason = |size: u16| not_one_to_one(&camera, Sensor::new(size, size)).map(|finding| finding.reason);
+        let reason = |size: u16| not_one_to_one(&camera, None, Sensor::new(size, size)).map(|finding| finding.reason);
         assert!(reason(320).is_some_and(|reason| reason.contains("jumps")));
         assert_eq!(reason(160), None);
+    }
+
+    /// A pinhole model on a fisheye: half of the pixels have no bearing. The verdict names one model.
+    #[test]
+    fn a_folded_lens_is_a_failure_that_names_the_better_model() {
+        let parameters = [102.7, 102.7, 173.1, 130.1, -0.24, 0.055, 0.0, 0.0, -0.0056];
+        let camera = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        let sensor = Sensor::new(346, 260);
+        let finding = not_one_to_one(&camera, Some(ModelKind::KannalaBrandt), sensor).unwrap();
+        assert_eq!(
+            (finding.severity, finding.advice),
+            (Severity::Failure, Advice::TakeModel(ModelKind::KannalaBrandt))
+        );
+        // Barrel distortion that ends just before the farthest corner.
+        let parameters = [262.0, 262.0, 171.5, 131.0, -0.37, 0.19, -0.0005, 0.0003, -0.06];
+        let corner = Camera::from_parameters(ModelKind::Radtan, &parameters).unwrap();
+        assert!(not_one_to_one(&corner, None, sensor).is_some_and(|finding| finding.severity == Severity::Warning));
+        let alone = not_one_to_one(&camera, None, sensor).unwrap();
+        assert_eq!((alone.severity, alone.advice), (Severity::Failure, "cover the corners of the image".into()));
     }
 
     #[test]

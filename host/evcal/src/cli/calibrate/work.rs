@@ -113,7 +113,7 @@ impl Work<'_> {
         Task {
             inputs: &self.inputs,
             board: &self.board,
-            model: self.arguments.method.model,
+            model: self.arguments.method.model(),
             sensor: self.sensor,
             pictures,
             parameters: self.parameters,

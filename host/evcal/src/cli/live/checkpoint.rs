@@ -43,7 +43,7 @@ pub fn start(
         recording: recording.to_owned(),
         options: options.clone(),
         board: *board,
-        model: arguments.calibration.method.model,
+        model: arguments.calibration.method.model(),
         settings: settings.clone(),
     };
     let (target, first) = (settings.live.target, settings.live.first_checkpoint());
