@@ -40,10 +40,10 @@ use uncertainty::InertialUncertainty;
 
 use crate::quality::uncertainty::Uncertainty;
 use crate::solve::Problem;
-use crate::solve::bordered::System;
 use crate::solve::fixed_intrinsics::{self, FixedIntrinsics, share_of_fixed};
 use crate::solve::left_out::covers;
 use crate::solve::refinement::Refined;
+use crate::solve::system::Reduced;
 use crate::trajectory::Trajectory;
 use crate::trajectory::mean_distance;
 
@@ -190,23 +190,23 @@ fn finish(
 ) -> Result<InertialCalibration, InertialError> {
     let SeparateCalibration { refined, camera, fixed } = separate;
     let total = joint.used.iter().map(ExactSizeIterator::len).sum::<usize>() as f64 / joint.rate;
-    let InertialUncertainty { mut covariance, sigma_of_others, block_scatter } =
-        uncertainty::inertial_uncertainty(&solved.system, &solved.parts, total)?;
-    let Solved { estimate, residuals, spectra, system, .. } = solved;
-    uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
-    uncertainty::add_timing(&mut covariance, clock.streams.iter().map(|stream| stream.timing.uncertainty()));
+    let Solved { estimate, residuals, spectra, mut system } = solved;
+    let pieces = std::mem::take(&mut system.pieces);
+    let reduced = system.into_reduced()?;
     // An error of the intrinsics that all events have in common moves the estimated IMU, but does not cause scatter
     // between blocks of time.
     let share = match fixed {
         Some(fixed) => {
             let with_uncertain = fixed.with_uncertain_estimated(joint.problem);
-            share_of_intrinsics(
-                &solve::system_at(&joint.of_problem(&with_uncertain), &estimate),
-                fixed.uncertain_covariance(),
-            )?
+            let system = solve::system_at(&joint.of_problem(&with_uncertain), &estimate)?;
+            share_of_intrinsics(&system.into_reduced()?, fixed.uncertain_covariance())?
         }
-        None => share_of_intrinsics(&system, of_free(&camera.systematic, joint.problem))?,
+        None => share_of_intrinsics(&reduced, of_free(&camera.systematic, joint.problem))?,
     };
+    let InertialUncertainty { mut covariance, sigma_of_others, block_scatter } =
+        uncertainty::inertial_uncertainty(reduced, &pieces, total)?;
+    uncertainty::add_systematic(&mut covariance, &estimate.parameters, mean_distance(&refined.state.trajectories));
+    uncertainty::add_timing(&mut covariance, clock.streams.iter().map(|stream| stream.timing.uncertainty()));
     covariance += share;
     let (own, mut sigma) = (&refined.state.camera, camera.sigma());
     let camera_moved = match fixed {
@@ -241,9 +241,9 @@ fn finish(
     })
 }
 
-/// Returns the covariance of the inertial parameters that follows from a `covariance` of the intrinsics estimated in `system`.
-fn share_of_intrinsics(system: &System, covariance: DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
-    let share = share_of_fixed(system, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
+/// Returns the covariance of the inertial parameters that follows from a `covariance` of the intrinsics estimated in `reduced`.
+fn share_of_intrinsics(reduced: &Reduced, covariance: DMatrix<f64>) -> Result<DMatrix<f64>, InertialError> {
+    let share = share_of_fixed(reduced, &[(COUNT..COUNT + covariance.nrows(), covariance)])?;
     Ok(share.view((0, 0), (COUNT, COUNT)).into_owned())
 }
 

@@ -82,7 +82,7 @@ pub fn calibrate_second(
         correlation: Some(start.correlation),
         seconds: start.seconds,
         left_out,
-        own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)),
+        own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)?),
         sensors: [first, second].map(|camera| camera.refined.problem.sensor),
         lenses,
     };

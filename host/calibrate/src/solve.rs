@@ -7,11 +7,12 @@
 //! ([`event_row`], [`point_row`]).
 
 pub mod association;
+pub mod band;
 pub mod bearing_table;
 pub mod board_edge;
 pub mod board_ray;
 pub mod board_surface;
-pub mod bordered;
+pub mod border;
 pub mod burst;
 pub mod control_band;
 pub mod edge_batch;
@@ -34,6 +35,7 @@ pub mod observation_range;
 pub mod point_row;
 pub mod pose_bin;
 pub mod pose_covariance;
+pub mod pose_products;
 pub mod refinement;
 pub mod residual_statistics;
 pub mod row_batch;
@@ -232,4 +234,7 @@ pub enum SolveError {
     /// The normal equations are singular.
     #[error("the observations do not determine the camera: move the board closer, tilt it and cover the whole image")]
     Singular,
+    /// An observation acts on parameters that its equations do not contain.
+    #[error("an observation lies outside its equations: an error of this program, please report it")]
+    OutOfBand,
 }

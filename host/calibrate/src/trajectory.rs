@@ -177,6 +177,11 @@ impl Trajectory {
         self.translation.len()
     }
 
+    /// Returns the first of the control points that act at time `t` in seconds; `None` outside the trajectory.
+    pub fn first_point(&self, t: f64) -> Option<usize> {
+        self.curve_knots().find_span(t).ok()?.checked_sub(self.degree)
+    }
+
     /// Returns pose, velocities and Jacobians at time `t` in seconds; `None` outside the trajectory, or if quaternions cancel.
     pub fn sample(&self, t: f64) -> Option<PoseSample> {
         let basis = self.curve_knots().basis(t).ok()?;

@@ -16,7 +16,7 @@ use evcal_calibrate::calibrate::calibrated::EventCalibration;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::{Task, calibrate};
 use evcal_calibrate::initial::model_choice::ModelRequest;
-use evcal_calibrate::solve::levenberg::{FIRST_DAMPING, Limits, solve_with_progress};
+use evcal_calibrate::solve::levenberg::{OF_CAMERA, Schedule, solve_with_progress};
 use evcal_calibrate::solve::refinement::{Refined, RoundReport};
 use evcal_core::camera::ModelKind;
 use event_recordings::RecordingOptions;
@@ -98,9 +98,9 @@ fn solve_time(refined: &Refined) -> Result<f64, Box<dyn std::error::Error>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let start = processor_time()?;
     // No step is trusted, so that all are evaluated.
-    let limits = Limits { damping: FIRST_DAMPING, trusted: 0.0 };
+    let schedule = Schedule { trusted: 0.0, ..OF_CAMERA };
     let goes_on = &mut |_| ControlFlow::Continue(());
-    let solved = pool.install(|| solve_with_progress(&refined.problem, refined.state.clone(), limits, goes_on))?;
+    let solved = pool.install(|| solve_with_progress(&refined.problem, refined.state.clone(), schedule, goes_on))?;
     // The observations are also processed once before the first iteration.
     Ok((processor_time()? - start) / (solved.report.observations * (solved.report.iterations + 1)) as f64)
 }

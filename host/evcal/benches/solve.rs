@@ -9,7 +9,7 @@ use evcal_calibrate::solve::association::BIN;
 use evcal_calibrate::solve::board_edge::BoardEdges;
 use evcal_calibrate::solve::event_bias::bias::Biases;
 use evcal_calibrate::solve::event_bias::{CLASS_COUNT, unknown};
-use evcal_calibrate::solve::levenberg::{FIRST_DAMPING, Limits, solve_with_progress};
+use evcal_calibrate::solve::levenberg::{OF_CAMERA, Schedule, solve_with_progress};
 use evcal_calibrate::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use evcal_calibrate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, Problem, ResidualMeasure, State};
 use evcal_calibrate::trajectory::fit::{TrajectoryShape, fit};
@@ -62,9 +62,9 @@ fn main() {
         for _ in 0..5 {
             let start = Instant::now();
             // No step is trusted, so that the cost is evaluated after each.
-            let limits = Limits { damping: FIRST_DAMPING, trusted: 0.0 };
+            let schedule = Schedule { trusted: 0.0, ..OF_CAMERA };
             let goes_on = &mut |_| ControlFlow::Continue(());
-            let solved = pool.install(|| solve_with_progress(&problem, state.clone(), limits, goes_on));
+            let solved = pool.install(|| solve_with_progress(&problem, state.clone(), schedule, goes_on));
             let elapsed = start.elapsed().as_secs_f64();
             match solved {
                 // One linearisation more than iterations: the first.

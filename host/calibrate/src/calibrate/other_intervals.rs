@@ -145,9 +145,8 @@ fn follow_interval(
     // The solve fails, for example, if there are too few events.
     let followed = follow(&input, state, problem, stage_settings(settings)).ok()?;
     let Followed { state, system, left_out: unexplained, .. } = followed;
-    let reduced = system.into_reduced(0.0, &problem.free.mask()).ok()?;
-    let places: Vec<usize> = reduced.places(&problem.free.mask());
-    let controls = reduced.into_follows().control_covariances(&places, &certainty.formal)?;
+    let columns: Vec<usize> = (0..certainty.formal.nrows()).collect();
+    let controls = system.into_reduced().ok()?.into_follows().control_covariances(&columns, &certainty.formal)?;
     // The usual σ (median) is computed from this interval's own poses, because there are fewer events than in the joint
     // solve.
     let covariance =

@@ -1,7 +1,7 @@
 //! Errors of the calibration of an IMU.
 
 use super::csv::CsvError;
-use crate::solve::control_band::NotPositiveDefinite;
+use crate::solve::SolveError;
 use crate::trajectory::alignment::AlignmentError;
 use event_recordings::RecordingError;
 
@@ -169,11 +169,14 @@ pub enum InertialError {
         /// Root mean square of the accelerometer's residuals in m/s².
         accelerometer: f64,
     },
+    /// The equations could not be built.
+    #[error(transparent)]
+    Solve(SolveError),
 }
 
-impl From<NotPositiveDefinite> for InertialError {
-    fn from(_: NotPositiveDefinite) -> Self {
-        Self::Singular
+impl From<SolveError> for InertialError {
+    fn from(error: SolveError) -> Self {
+        if error == SolveError::OutOfBand { Self::Solve(error) } else { Self::Singular }
     }
 }
 

@@ -7,7 +7,9 @@ use super::joint::{Estimate, Joint, ORDER, Residual, SENSORS, Sensor};
 use super::parameters::COUNT;
 use super::prediction::Prediction;
 use super::sample::Sample;
-use crate::solve::bordered::Part;
+use crate::solve::band::Band;
+use crate::solve::loss::Loss;
+use crate::solve::normal::Equations;
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as POINT, Trajectory};
 use evcal_core::spline::Knots;
 use evcal_geometry::numerics::huber::huber;
@@ -47,32 +49,35 @@ fn tasks(joint: &Joint, estimate: &Estimate) -> Vec<Task> {
 }
 
 /// Builds the equations of all samples.
-pub fn inertial_parts(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
-    tasks(joint, estimate).par_iter().filter_map(|task| inertial_part(joint, estimate, task)).collect()
+pub fn sample_pieces(joint: &Joint, estimate: &Estimate) -> Vec<Equations> {
+    tasks(joint, estimate).par_iter().filter_map(|task| sample_piece(joint, estimate, task)).collect()
 }
 
-fn inertial_part(joint: &Joint, estimate: &Estimate, task: &Task) -> Option<Part> {
+fn sample_piece(joint: &Joint, estimate: &Estimate, task: &Task) -> Option<Equations> {
     let trajectory = estimate.state.trajectories.get(task.segment)?;
     let samples = joint.samples.get(trajectory.recording)?.get(task.samples.clone())?;
     let (sensor, noise) = (SENSORS[task.sensor], &estimate.noise[task.sensor]);
     let columns = POINT * ORDER + COUNT + 1;
     let mut rows = DMatrix::zeros(columns, 3 * samples.len());
-    let (mut cost, mut first) = (0.0, None);
+    let (mut loss, mut first) = (Loss::default(), None);
     for (index, sample) in samples.iter().enumerate() {
         let Some(prediction) = sensor.predict(trajectory, &estimate.parameters, sample.t) else { continue };
         if *first.get_or_insert(prediction.first) != prediction.first {
             continue;
         }
         let error = prediction.value - sensor.reading(sample);
+        let mut cost = 0.0;
         for axis in 0..3 {
             let inverse = 1.0 / (noise.density[axis] * joint.rate.sqrt());
             let (part, root) = huber(error[axis] * inverse, HUBER);
             cost += part;
             fill_row(rows.column_mut(3 * index + axis).as_mut_slice(), &prediction, axis, error[axis], root * inverse);
         }
+        loss.add_cost(cost);
     }
     let product = &rows * rows.transpose();
-    Some(Part::from_product(task.segment, samples.first()?.t, first?, ORDER, COUNT, &product, cost))
+    let empty = Equations::new(task.segment, samples.first()?.t, 0..COUNT, Band::new(0, 0, ORDER, 0));
+    Some(Equations { loss, ..empty.of_gram(first?, ORDER, &product) })
 }
 
 fn fill_row(row: &mut [f64], prediction: &Prediction, axis: usize, error: f64, weight: f64) {

@@ -5,16 +5,22 @@
 //! measures too (`CAUTION`). Camera and event biases are estimated too. The noise of the sensors is estimated from the
 //! spectrum of the residuals in rounds.
 
+use std::ops::ControlFlow;
+
 use rayon::prelude::*;
 
 use super::error::InertialError;
-use super::joint::{DEGREE, Estimate, Joint, Noise, ORDER, Residual, SENSORS};
+use super::joint::{DEGREE, Estimate, Joint, Noise, Residual, SENSORS};
 use super::noise::{Line, density, spectrum};
 use super::parameters::{COUNT, InertialParameters};
 use super::priors::priors;
 use super::sample::Sample;
-use super::sample_rows::{inertial_parts, residuals};
-use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
+use super::sample_rows::{residuals, sample_pieces};
+use crate::solve::SolveError;
+use crate::solve::border::Columns;
+use crate::solve::levenberg::{self, OF_MOUNTED, after, minimise, pieces};
+use crate::solve::normal::Equations;
+use crate::solve::system::{Step, System};
 use crate::trajectory::fit::fit_on_knots;
 use crate::trajectory::{RotationSpline, Trajectory};
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
@@ -40,9 +46,7 @@ const FIRST_ACCELEROMETER: f64 = 600e-6 * STANDARD_GRAVITY;
 pub struct Solved {
     /// The solution.
     pub estimate: Estimate,
-    /// The linearised parts.
-    pub parts: Vec<Part>,
-    /// The normal equations: the sum of all parts.
+    /// The sum of all pieces: those of the events, then those of the samples.
     pub system: System,
     /// Residuals of gyroscope and accelerometer.
     pub residuals: [Vec<Residual>; 2],
@@ -101,15 +105,13 @@ pub fn first_noise() -> [Noise; 2] {
 /// [`InertialError::Singular`] if events and samples do not determine the parameters.
 pub fn solve(joint: &Joint, mut estimate: Estimate) -> Result<Solved, InertialError> {
     for round in 0..ROUNDS {
-        let (solved, Linearised { events, parts, system }) =
-            least_cost(joint, estimate, if round == 0 { RELINEARISED } else { 0 })?;
-        estimate = solved;
-        let parts = [events, parts].concat();
+        let found = least_cost(joint, estimate, if round == 0 { RELINEARISED } else { 0 })?;
+        estimate = found.estimate;
         let residuals = SENSORS.map(|sensor| residuals(joint, &estimate, sensor));
         let spectra = residuals.each_ref().map(|residuals| spectra_of(residuals, joint.rate));
         let noise = measured_noise(&spectra, joint, &estimate.noise);
         if round + 1 == ROUNDS {
-            return Ok(Solved { estimate, parts, system, residuals, spectra });
+            return Ok(Solved { estimate, system: found.system, residuals, spectra });
         }
         estimate.noise = noise;
     }
@@ -136,54 +138,52 @@ fn spectra_of(residuals: &[Residual], rate: f64) -> Vec<Vec<Line>> {
 }
 
 /// Returns the normal equations at an estimate.
-pub fn system_at(joint: &Joint, estimate: &Estimate) -> System {
-    with_samples(joint, estimate, parts_of_events(joint, estimate)).system
-}
-
-/// The equations at an estimate: of the events, of the samples, and their sum.
-struct Linearised {
-    events: Vec<Part>,
-    parts: Vec<Part>,
-    system: System,
+///
+/// # Errors
+/// [`SolveError::OutOfBand`] if observations and trajectories do not fit together.
+pub fn system_at(joint: &Joint, estimate: &Estimate) -> Result<System, SolveError> {
+    with_samples(joint, estimate, pieces_of_events(joint, estimate)?)
 }
 
 /// Minimises the cost. The events are linearised again `relinearised` times; their cost is nearly quadratic.
-fn least_cost(joint: &Joint, estimate: Estimate, relinearised: usize) -> Result<(Estimate, Linearised), InertialError> {
-    let events = parts_of_events(joint, &estimate);
-    let start = with_samples(joint, &estimate, events);
-    let attempt = |iteration, (estimate, now): (&Estimate, &Linearised), step: &Step| {
-        let trial = stepped(joint, estimate, step).map(|trial| {
-            let events = if iteration < relinearised {
-                parts_of_events(joint, &trial)
-            } else {
-                now.events.par_iter().map(|part| part.moved(step)).collect()
-            };
-            let linearised = with_samples(joint, &trial, events);
-            (trial, linearised)
-        });
-        Ok::<_, InertialError>(trial)
+fn least_cost(
+    joint: &Joint,
+    estimate: Estimate,
+    relinearised: usize,
+) -> Result<levenberg::Solved<Estimate>, SolveError> {
+    let start = system_at(joint, &estimate)?;
+    let again = |iteration, trial: &Estimate, (now, step): (&System, &Step)| {
+        let events = if iteration < relinearised {
+            pieces_of_events(joint, trial)?
+        } else {
+            let of_events = now.pieces.par_iter().filter(|piece| !piece.information.is_empty());
+            of_events.map(|piece| piece.moved(&step.segments, &step.globals)).collect::<Result<_, _>>()?
+        };
+        with_samples(joint, trial, events)
     };
-    minimise(estimate, start, |now: &Linearised| &now.system, attempt)
+    let stepped = |estimate: &Estimate, step: &Step| {
+        let state = after(joint.problem, &estimate.state, &columns(joint), step)?;
+        Some(Estimate { state, parameters: estimate.parameters.moved(&step.globals), noise: estimate.noise })
+    };
+    minimise(&OF_MOUNTED, (estimate, start), stepped, again, &mut |_| ControlFlow::Continue(()))
 }
 
-fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
-    let state = moved_by(&estimate.state, joint.problem, step, COUNT)?;
-    Some(Estimate { state, parameters: estimate.parameters.moved(&step.globals), noise: estimate.noise })
+/// Returns the columns of the events' camera, which follow those of the IMU.
+fn columns(joint: &Joint) -> Columns {
+    Columns::new(&joint.problem.free.mask()).at(COUNT)
 }
 
-fn parts_of_events(joint: &Joint, estimate: &Estimate) -> Vec<Part> {
-    event_parts(joint.problem, &estimate.state, COUNT, 1.0 / (CAUTION * joint.inflation)).0
+fn pieces_of_events(joint: &Joint, estimate: &Estimate) -> Result<Vec<Equations>, SolveError> {
+    let weight = 1.0 / (CAUTION * joint.inflation);
+    let events = pieces(joint.problem, &estimate.state, &columns(joint))?;
+    Ok(events.into_par_iter().map(|piece| piece.weighted(weight)).collect())
 }
 
-fn with_samples(joint: &Joint, estimate: &Estimate, events: Vec<Part>) -> Linearised {
-    let trajectories = &estimate.state.trajectories;
-    let parts = inertial_parts(joint, estimate);
-    let counts: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
-    let globals = COUNT + joint.problem.free.places().len();
-    let mut system = System::new(&counts, ORDER, globals, events.iter().chain(&parts));
-    system.add_smoothness(trajectories);
+fn with_samples(joint: &Joint, estimate: &Estimate, mut pieces: Vec<Equations>) -> Result<System, SolveError> {
+    pieces.extend(sample_pieces(joint, estimate));
+    let mut system = System::of_pieces(pieces, columns(joint).range().end, &estimate.state.trajectories, &[])?;
     for (index, (distance, sigma)) in priors(&estimate.parameters, joint.settings).into_iter().enumerate() {
         system.add_prior(index, distance, sigma);
     }
-    Linearised { events, parts, system }
+    Ok(system)
 }

@@ -7,7 +7,8 @@ use super::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, COUNT, GRAVITY, GYROSCOPE_DELAY, InertialParameters, POSITION,
 };
 use crate::quality::uncertainty::blocks::{jackknife_step, scatter, sum_by_block};
-use crate::solve::bordered::{Blocks, Part, System};
+use crate::solve::normal::Equations;
+use crate::solve::system::Reduced;
 
 /// Lengths of blocks (s).
 const LENGTHS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
@@ -56,13 +57,17 @@ pub struct InertialUncertainty {
     pub block_scatter: f64,
 }
 
-/// Computes the uncertainty of the solution of `system` from `total` seconds of samples.
+/// Computes the uncertainty of a solution from `total` seconds of samples; `reduced` is the sum of all `pieces`.
 ///
 /// # Errors
 /// [`InertialError::Singular`] if the samples do not determine the parameters.
-pub fn inertial_uncertainty(system: &System, parts: &[Part], total: f64) -> Result<InertialUncertainty, InertialError> {
-    let formal = system.covariance()?;
-    let Blocks { times, contributions } = system.contributions(parts, LENGTHS[0])?;
+pub fn inertial_uncertainty(
+    reduced: Reduced,
+    pieces: &[Equations],
+    total: f64,
+) -> Result<InertialUncertainty, InertialError> {
+    let formal = reduced.whole_covariance()?;
+    let (times, contributions) = reduced.into_follows().blocks(pieces, LENGTHS[0])?;
     let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
     let scatters: Vec<DMatrix<f64>> = lengths
         .filter_map(|&length| scatter(&formal, sum_by_block(&times, &contributions, length), COUNT, jackknife_step))

@@ -147,7 +147,7 @@ fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<Bett
     let solved = |kind: ModelKind, camera: Camera<f64>| {
         let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
         let solved = solve(&thinned(problem, step, free, iterations), State { camera, ..state.clone() }).ok()?;
-        Some((kind, solved.state.camera, solved.report.final_cost))
+        Some((kind, solved.estimate.camera, solved.report.final_cost))
     };
     let (_, _, own_cost) = solved(own, state.camera)?;
     let others: Vec<_> = CANDIDATES

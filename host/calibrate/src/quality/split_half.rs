@@ -13,10 +13,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::quality::uncertainty::parts::CovarianceParts;
 use crate::quality::uncertainty::projection::projection_uncertainty;
+use crate::solve::border::Columns;
 use crate::solve::half::{Half, SolvedHalf};
 use crate::solve::lens_step::{observed_pixels, stepped};
 use crate::solve::levenberg::intrinsics_of;
-use crate::solve::normal::RangeEquations;
+use crate::solve::normal::Equations;
 use crate::solve::observation::SegmentObservations;
 use crate::solve::observation_range::{EventResidual, ObservationRange, point_residuals};
 use crate::solve::stiffness::Stiffness;
@@ -98,15 +99,14 @@ pub fn groups<'a>(
 
 /// The equations of both halves.
 pub struct Halves<'a> {
-    segments: &'a [SegmentObservations],
     priors: Vec<TrajectoryPriors<'a>>,
     halves: [Half; 2],
     is_determined: bool,
 }
 
 impl<'a> Halves<'a> {
-    /// Creates empty halves of `problem`, whose solution is `state`; `None` if the recording is too short.
-    pub fn new(problem: &'a Problem, state: &State) -> Option<Self> {
+    /// Creates empty halves of `problem`, whose solution is `state`, from equations with these `columns`; `None` if the recording is too short.
+    pub fn new(problem: &'a Problem, state: &State, columns: &Columns) -> Option<Self> {
         const NOT_STIFF: &Stiffness = &Stiffness::new();
         let total: f64 = state.trajectories.iter().map(|trajectory| trajectory.end() - trajectory.start()).sum();
         let priors = state.trajectories.iter().enumerate().map(|(segment, trajectory)| {
@@ -114,16 +114,15 @@ impl<'a> Halves<'a> {
         });
         let free = problem.free.mask();
         (total >= SLICE * FEWEST_SLICES).then(|| Self {
-            segments: &problem.segments,
             priors: priors.collect(),
-            halves: [Half::new(&free), Half::new(&free)],
+            halves: [(); 2].map(|()| Half::new(columns, &free)),
             is_determined: true,
         })
     }
 
     /// Adds a group of [`groups`].
-    pub fn add(&mut self, equations: &[(ObservationRange, RangeEquations)]) {
-        let slice = |(range, _): &(ObservationRange, RangeEquations)| slice_of(range, self.segments);
+    pub fn add(&mut self, equations: &[Equations]) {
+        let slice = |piece: &Equations| (piece.segment, slice(piece.t));
         for of_slice in equations.chunk_by(|a, b| slice(a) == slice(b)) {
             let Some((segment, number)) = of_slice.first().map(slice) else { continue };
             let Some(priors) = self.priors.get(segment) else { continue };

@@ -30,6 +30,7 @@ use crate::quality::drift::{Drift, Interval, drift};
 use crate::quality::split_half::{Halves, SolvedHalves, groups};
 use crate::solve::bearing_table::BearingTable;
 use crate::solve::board_edge::BoardEdges;
+use crate::solve::border::Columns;
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::{Bias, Biases};
 use crate::solve::levenberg::{assemble, intrinsics_of, linearised};
@@ -179,11 +180,11 @@ fn combined(formal: &DMatrix<f64>, scatters: impl Iterator<Item = Scatter>) -> (
 pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty, SolveError> {
     let ranges = observation_ranges(&problem.segments);
     let free = problem.free.mask();
-    let singular = |_| SolveError::Singular;
     // The solve does not evaluate the equations after its last step, so this is done here. The equations before that
     // step cannot be used: if coefficients are strongly correlated, the step rotates the poorly determined direction,
     // and along it the contributions of the blocks would appear far too large.
-    let system = assemble(problem, state, &ranges);
+    let columns = Columns::new(&with_board(problem).mask());
+    let system = assemble(problem, state, &ranges, &columns)?;
     let observations = system.loss.count;
     // The derivative of an event's distance by the offset of its class is 1, by the latency the edge's speed.
     let latency_shift = latency_shift(state.bias.iter().enumerate().map(|(class, bias)| {
@@ -192,18 +193,17 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     }));
     // Long trajectories have large systems. Each form of the system replaces the one before, so that only one is in
     // memory.
-    let reduced = system.into_reduced(0.0, &with_board(problem).mask()).map_err(singular)?;
-    let places = reduced.places(&free);
-    let formal = reduced.covariance(&places).map_err(singular)?;
-    let all_places = reduced.places(&with_board(problem).mask());
-    let formal_with_board = reduced.covariance(&all_places).ok();
-    let step_with_board = reduced.global_step().ok();
+    let reduced = system.into_reduced()?;
+    let places = columns.among(&free);
+    let formal = reduced.covariance(&places)?;
+    let formal_with_board = reduced.whole_covariance().ok();
+    let step_with_board = reduced.global_step().ok().map(|step| columns.globals(&step));
     let follows = reduced.into_follows();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let mut contributions_with_board = Vec::with_capacity(ranges.len());
-    let mut halves = Halves::new(problem, state);
+    let mut halves = Halves::new(problem, state, &columns);
     for group in groups(&ranges, &problem.segments, RANGES_TOGETHER) {
-        let equations = linearised(problem, state, &bearings, group);
+        let equations = linearised(problem, state, &bearings, group, &columns)?;
         contributions_with_board.extend(follows.contributions(&equations));
         if let Some(halves) = &mut halves {
             halves.add(&equations);

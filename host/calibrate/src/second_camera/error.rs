@@ -1,6 +1,6 @@
 //! Errors of the calibration of a second camera.
 
-use crate::solve::control_band::NotPositiveDefinite;
+use crate::solve::SolveError;
 use crate::trajectory::alignment::AlignmentError;
 
 /// Reasons why a second camera cannot be calibrated against the first, with remedies.
@@ -83,10 +83,13 @@ pub enum SecondCameraError {
         "the events do not determine the pose of the second camera: rotate about two axes, with the board in view of both cameras"
     )]
     Singular,
+    /// The equations could not be built.
+    #[error(transparent)]
+    Solve(SolveError),
 }
 
-impl From<NotPositiveDefinite> for SecondCameraError {
-    fn from(_: NotPositiveDefinite) -> Self {
-        Self::Singular
+impl From<SolveError> for SecondCameraError {
+    fn from(error: SolveError) -> Self {
+        if error == SolveError::OutOfBand { Self::Solve(error) } else { Self::Singular }
     }
 }

@@ -4,22 +4,26 @@
 //! event biases of the second camera, then lens and event biases of the first. The board is fixed at the result of the first
 //! camera, because both see the same board.
 
+use std::ops::ControlFlow;
+
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::error::SecondCameraError;
 use super::estimate::Estimate;
 use super::mount::{RATE, RATE_SIGMA};
-use super::rows::{SecondPart, second_parts};
+use super::rows::second_pieces;
 use crate::quality::uncertainty::blocks::jackknife_step;
 use crate::quality::uncertainty::{BLOCK, Time, reported_covariance};
 use crate::solve::bearing_table::BearingTable;
-use crate::solve::bordered::{Part, Step, System, event_parts, minimise, moved_by};
+use crate::solve::border::Columns;
 use crate::solve::fixed_intrinsics::{FixedIntrinsics, share_of_fixed};
-use crate::solve::levenberg::linearised;
-use crate::solve::observation_range::{ObservationRange, RANGES_TOGETHER, observation_ranges};
-use crate::solve::{Problem, State};
-use crate::trajectory::Trajectory;
+use crate::solve::levenberg::{self, OF_MOUNTED, after, minimise, pieces};
+use crate::solve::loss::Loss;
+use crate::solve::normal::Equations;
+use crate::solve::observation_range::{ObservationRange, observation_ranges};
+use crate::solve::system::{Step, System};
+use crate::solve::{Problem, SolveError, State};
 
 /// Fixed intrinsics of the first and the second camera; `None` for intrinsics that are estimated.
 pub type Lenses<'a> = [Option<&'a FixedIntrinsics>; 2];
@@ -60,15 +64,10 @@ pub struct Solved {
     pub rms: f64,
 }
 
-/// The equations at an estimate.
-struct Linearised {
-    parts: Vec<Part>,
-    system: System,
-    /// Number of observations of the first and the second camera.
-    counts: [usize; 2],
-    misfit: Vec<Misfit>,
-    /// Misfit over the whole recording.
-    rms: f64,
+/// Returns the columns of the first and the second camera; those of the second follow the mount's.
+fn columns(joint: &Joint, estimate: &Estimate) -> [Columns; 2] {
+    let second = Columns::after(estimate.mount.count(), &joint.second.free.mask());
+    [Columns::new(&joint.first.free.mask()).at(second.width()), second]
 }
 
 /// Solves, starting at `estimate`.
@@ -77,23 +76,26 @@ struct Linearised {
 /// [`SecondCameraError::Singular`] if the events do not determine the parameters.
 pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraError> {
     let start = linearise(joint, &estimate)?;
-    let attempt = |_, (estimate, now): (&Estimate, &Linearised), step: &Step| {
-        let Some(trial) = stepped(joint, estimate, step) else { return Ok(None) };
-        let next = linearise(joint, &trial)?;
-        // The loss of observations outside a model's domain must not make a step look good.
-        Ok::<_, SecondCameraError>(next.counts.iter().ge(now.counts.iter()).then_some((trial, next)))
-    };
-    let (estimate, now) = minimise(estimate, start, |now: &Linearised| &now.system, attempt)?;
-    let formal = now.system.covariance()?;
-    let blocks = now.system.contributions(&now.parts, 0.5 * BLOCK)?;
+    let again = |_, estimate: &Estimate, _: (&System, &Step)| linearise(joint, estimate);
+    let stepped = |estimate: &Estimate, step: &Step| stepped(joint, estimate, step);
+    let levenberg::Solved { estimate, mut system, .. } =
+        minimise(&OF_MOUNTED, (estimate, start), stepped, again, &mut |_| ControlFlow::Continue(()))?;
+    let pieces = std::mem::take(&mut system.pieces);
+    let reduced = system.into_reduced()?;
+    let formal = reduced.whole_covariance()?;
+    let (times, contributions) = reduced.into_follows().blocks(&pieces, 0.5 * BLOCK)?;
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
-    let time = Time { starts: &blocks.times, total };
+    let time = Time { starts: &times, total };
     let count = estimate.mount.count();
     // Only the covariance of the intrinsics contains errors common to all blocks. Here the longer steps of the jackknife make up for
     // them: the rms of error / σ is 0.6 to 1.1 with them, and 0.8 to 1.5 with limited steps (seeds 606 to 611).
     let (covariance, inflation, blocks) =
-        reported_covariance(&formal, &blocks.contributions, &|all| all, time, count, jackknife_step);
-    Ok(Solved { estimate, covariance, inflation, blocks, used: now.counts[1], misfit: now.misfit, rms: now.rms })
+        reported_covariance(&formal, &contributions, &|all| all, time, count, jackknife_step);
+    // The columns of the second camera are the first ones.
+    let of_second = || pieces.iter().filter(|piece| piece.columns.start == 0);
+    let misfit = of_second().map(|piece| Misfit { t: piece.t, rms: rms(&piece.loss) }).collect();
+    let loss = sum(of_second());
+    Ok(Solved { estimate, covariance, inflation, blocks, used: loss.count, misfit, rms: rms(&loss) })
 }
 
 /// Returns the covariance that fixed lenses add to the covariance of the mount at `estimate`, for the first and the second
@@ -114,68 +116,58 @@ pub fn share_of_lenses(
         None => problem.with_segments(problem.segments.clone()),
     };
     let with_lenses = Joint { first: with_lens(lenses[0], &joint.first), second: with_lens(lenses[1], &joint.second) };
-    let system = linearise(&with_lenses, estimate)?.system;
+    let reduced = linearise(&with_lenses, estimate)?.into_reduced()?;
     let of_second = estimate.mount.count();
-    let of_first = of_second + with_lenses.second.free.places().len();
+    let [first, _] = columns(&with_lenses, estimate);
+    let of_first = first.range().start;
     let fixed = lenses.into_iter().zip([of_first, of_second]).filter_map(|(lens, place)| {
         let covariance = lens?.uncertain_covariance();
         Some((place..place + covariance.nrows(), covariance))
     });
-    let share = share_of_fixed(&system, &fixed.collect::<Vec<_>>())?;
+    let share = share_of_fixed(&reduced, &fixed.collect::<Vec<_>>())?;
     Ok(Some(share.view((0, 0), (of_second, of_second)).into_owned()))
 }
 
-fn linearise(joint: &Joint, estimate: &Estimate) -> Result<Linearised, SecondCameraError> {
-    let of_second = joint.second.free.places();
-    let trajectories = &estimate.first.trajectories;
-    let order = trajectories.first().ok_or(SecondCameraError::Singular)?.degree + 1;
-    let offset = estimate.mount.count() + of_second.len();
-    let (mut parts, first_count) = event_parts(&joint.first, &estimate.first, offset, 1.0);
-    let mut counts = [first_count, 0];
+/// Returns the equations at an estimate: the pieces of the first camera, then those of the second.
+fn linearise(joint: &Joint, estimate: &Estimate) -> Result<System, SolveError> {
+    let [of_first, of_second] = columns(joint, estimate);
+    let mut all = pieces(&joint.first, &estimate.first, &of_first)?;
     let bearings = BearingTable::new(&estimate.second.camera, joint.second.sensor);
-    let of_range = |range: &ObservationRange| second_parts(&joint.second, estimate, &bearings, &of_second, range);
-    let second: Vec<SecondPart> =
-        observation_ranges(&joint.second.segments).par_iter().flat_map_iter(of_range).collect();
-    let mut misfit = Vec::with_capacity(second.len());
-    let mut cost = 0.0;
-    for SecondPart { part, count } in second {
-        misfit.push(Misfit { t: part.t, rms: rms(part.cost, count) });
-        cost += part.cost;
-        counts[1] += count;
-        parts.push(part);
-    }
-    let control_points: Vec<usize> = trajectories.iter().map(Trajectory::control_point_count).collect();
-    let globals = offset + joint.first.free.places().len();
-    let mut system = System::new(&control_points, order, globals, parts.iter());
-    system.add_smoothness(trajectories);
-    system.add_jerks(trajectories, &joint.first.stiffness);
+    let of_range = |range: &ObservationRange| second_pieces(&joint.second, estimate, &bearings, &of_second, range);
+    let second = observation_ranges(&joint.second.segments).par_iter().map(of_range).collect::<Result<Vec<_>, _>>()?;
+    all.extend(second.into_iter().flatten());
+    let width = of_first.range().end;
+    let mut system = System::of_pieces(all, width, &estimate.first.trajectories, &joint.first.stiffness)?;
     system.add_prior(RATE, estimate.mount.rate, RATE_SIGMA);
-    Ok(Linearised { parts, system, counts, misfit, rms: rms(cost, counts[1]) })
+    Ok(system)
 }
 
-/// Returns the root mean square of `count` residuals whose sum of ρ is `cost`.
-fn rms(cost: f64, count: usize) -> f64 {
-    (2.0 * cost / count.max(1) as f64).sqrt()
+/// Returns the loss of all `pieces`.
+fn sum<'a>(pieces: impl Iterator<Item = &'a Equations>) -> Loss {
+    pieces.fold(Loss::default(), |mut sum, piece| {
+        sum.add(&piece.loss);
+        sum
+    })
+}
+
+/// Returns the root mean square of the residuals.
+fn rms(loss: &Loss) -> f64 {
+    (2.0 * loss.cost / loss.count.max(1) as f64).sqrt()
 }
 
 /// Returns the misfit of the events of `problem` for a `state` with its own trajectories, like [`Misfit::rms`] over the whole
 /// recording.
-pub fn own_rms(problem: &Problem, state: &State) -> f64 {
-    let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let (mut cost, mut count) = (0.0, 0);
-    for group in observation_ranges(&problem.segments).chunks(RANGES_TOGETHER) {
-        for (_, equations) in linearised(problem, state, &bearings, group) {
-            cost += equations.loss.cost;
-            count += equations.loss.count;
-        }
-    }
-    rms(cost, count)
+///
+/// # Errors
+/// [`SolveError::OutOfBand`] if observations and trajectories do not fit together.
+pub fn own_rms(problem: &Problem, state: &State) -> Result<f64, SolveError> {
+    Ok(rms(&sum(pieces(problem, state, &Columns::none())?.iter())))
 }
 
 /// Returns the estimate after a step; `None` if a camera model rejects it.
 fn stepped(joint: &Joint, estimate: &Estimate, step: &Step) -> Option<Estimate> {
-    let count = estimate.mount.count();
-    let second = moved_by(&estimate.second, &joint.second, step, count)?;
-    let first = moved_by(&estimate.first, &joint.first, step, count + joint.second.free.places().len())?;
+    let [of_first, of_second] = columns(joint, estimate);
+    let first = after(&joint.first, &estimate.first, &of_first, step)?;
+    let second = after(&joint.second, &estimate.second, &of_second, step)?;
     Some(Estimate { first, second, mount: estimate.mount.moved(&step.globals) })
 }

@@ -3,11 +3,8 @@
 
 use nalgebra::{DMatrix, SMatrix};
 
+use super::SolveError;
 use evcal_geometry::numerics::banded::BandedCholesky;
-
-/// The linear system could not be solved: its matrix is not positive definite.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NotPositiveDefinite;
 
 /// Number of parameters of a control point.
 const POINT: usize = 6;
@@ -53,13 +50,8 @@ pub fn banded_times(blocks: &[Block], order: usize, columns: &DMatrix<f64>) -> D
 /// the share `damping` and by a floor in proportion to `scale`, the mean diagonal entry from the observations.
 ///
 /// # Errors
-/// [`NotPositiveDefinite`] if the matrix is not positive definite.
-pub fn factored(
-    blocks: &[Block],
-    order: usize,
-    damping: f64,
-    scale: f64,
-) -> Result<BandedCholesky, NotPositiveDefinite> {
+/// [`SolveError::Singular`] if the matrix is not positive definite.
+pub fn factored(blocks: &[Block], order: usize, damping: f64, scale: f64) -> Result<BandedCholesky, SolveError> {
     let order = order.max(1);
     let dimension = POINT * (blocks.len() / order);
     let mut band = BandedCholesky::zeros(dimension, (POINT * order - 1).min(dimension.saturating_sub(1)));
@@ -78,6 +70,6 @@ pub fn factored(
             }
         }
     }
-    band.factor().map_err(|_| NotPositiveDefinite)?;
+    band.factor().map_err(|_| SolveError::Singular)?;
     Ok(band)
 }

@@ -7,13 +7,10 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::border::{Border, POINT, entry};
 use super::control_band::Block;
-use super::normal::BorderBlock;
 use evcal_geometry::numerics::banded::BandedCholesky;
 use evcal_geometry::numerics::panel::{PANEL, Panel, panel_product};
-
-/// Number of parameters of a control point.
-const POINT: usize = 6;
 
 /// See the [module](self).
 pub struct Eliminated {
@@ -27,27 +24,12 @@ pub struct Eliminated {
 
 impl Eliminated {
     /// Eliminates control points that act together in groups of `order`, given the `factor` of their matrix, their `border` and
-    /// their `gradient`. `free` are the indices of the estimated global parameters.
-    pub fn new(
-        factor: BandedCholesky,
-        order: usize,
-        border: &[BorderBlock],
-        gradient: &[[f64; POINT]],
-        free: &[usize],
-    ) -> Self {
-        let entry = |point: usize, axis: usize, vector: usize| match free.get(vector) {
-            Some(&global) => border[point][axis][global],
-            None if vector == free.len() => gradient[point][axis],
-            None => 0.0,
-        };
-        let panels = (0..(free.len() + 1).div_ceil(PANEL)).into_par_iter().map(|number| {
-            let row = |row: usize| std::array::from_fn(|lane| entry(row / POINT, row % POINT, number * PANEL + lane));
-            let mut panel: Panel = (0..POINT * border.len()).map(row).collect();
-            factor.forward(&mut panel);
-            panel
-        });
-        let panels = panels.collect();
-        Self { factor, panels, free: free.len(), order }
+    /// their `gradient`.
+    pub fn new(factor: BandedCholesky, order: usize, border: Border, gradient: &[[f64; POINT]]) -> Self {
+        let free = border.width();
+        let mut panels = border.with_gradient(gradient);
+        panels.par_iter_mut().for_each(|panel| factor.forward(panel));
+        Self { factor, panels, free, order }
     }
 
     /// Returns BᵀA⁻¹B and −BᵀA⁻¹g.
@@ -105,11 +87,7 @@ pub struct Following {
 impl Following {
     /// Returns the rows of `count` control points from `first` on, six each, with a column for each estimated global parameter.
     pub fn of_points(&self, first: usize, count: usize) -> DMatrix<f64> {
-        let entry = |row: usize, column: usize| {
-            let panel = self.panels.get(column / PANEL).and_then(|panel| panel.get(POINT * first + row));
-            panel.map_or(0.0, |line| line[column % PANEL])
-        };
-        DMatrix::from_fn(POINT * count, self.free, entry)
+        DMatrix::from_fn(POINT * count, self.free, |row, column| entry(&self.panels, POINT * first + row, column))
     }
 
     /// Returns the covariance of the control points when the global parameters have the covariance `globals`: the part of A⁻¹ +

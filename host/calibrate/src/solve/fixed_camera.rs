@@ -2,6 +2,7 @@
 
 use super::association::AssociationReport;
 use super::bearing_table::BearingTable;
+use super::border::Columns;
 use super::knot_choice::choose_knots;
 use super::left_out::{LeftOut, leave_out};
 use super::levenberg::{assemble, solve};
@@ -15,7 +16,7 @@ use super::{Problem, State};
 pub struct Followed {
     /// The unchanged camera with the solved trajectories.
     pub state: State,
-    /// The normal equations there.
+    /// The normal equations there, with the columns of the parameters that were estimated with the camera.
     pub system: System,
     /// Intervals that no curve explains.
     pub left_out: Vec<LeftOut>,
@@ -44,16 +45,18 @@ pub fn follow<E: Send>(
         Ok::<_, RefinementError<E>>((problem, report))
     };
     let (first, _) = associated(&state)?;
-    state = solve(&first, state)?.state;
+    state = solve(&first, state)?.estimate;
     let (mut problem, association) = associated(&state)?;
-    let choice = choose_knots(&problem, &state, settings.knots);
+    let choice = choose_knots(&problem, &state, settings.knots)?;
     (state.trajectories, problem.stiffness) = (choice.trajectories, choice.stiffness);
-    let mut followed = solve(&problem, state)?.state;
+    let mut followed = solve(&problem, state)?.estimate;
     let left_out = unexplained(&problem, &followed, &residuals_at(&problem, &followed));
     if !left_out.is_empty() {
         leave_out(&mut problem, &followed, &left_out);
-        followed = solve(&problem, followed)?.state;
+        followed = solve(&problem, followed)?.estimate;
     }
-    let system = assemble(&problem, &followed, &observation_ranges(&problem.segments));
+    let ranges = observation_ranges(&problem.segments);
+    let columns = Columns::new(&solved.free.mask());
+    let system = assemble(&problem, &followed, &ranges, &columns)?;
     Ok(Followed { state: followed, system, left_out, association })
 }

@@ -6,9 +6,8 @@ use std::ops::Range;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::DMatrix;
 
-use super::bordered::System;
-use super::control_band::NotPositiveDefinite;
-use super::{FreeParameters, Problem};
+use super::system::Reduced;
+use super::{FreeParameters, Problem, SolveError};
 
 /// Fixed intrinsics.
 #[derive(Clone, Debug)]
@@ -63,23 +62,20 @@ impl FixedIntrinsics {
     }
 }
 
-/// Returns the covariance that the uncertainty of fixed intrinsics adds to the other border parameters of `system`, in which the
-/// intrinsics are estimated. Each element of `fixed` has the indices of a camera's intrinsics in the border, and their covariance.
+/// Returns the covariance that the uncertainty of fixed intrinsics adds to the other parameters in the border of `reduced`, in which
+/// the intrinsics are estimated. Each element of `fixed` has the indices of a camera's intrinsics in the border, and their covariance.
 /// Rows and columns of the intrinsics are 0.
 ///
 /// With the normal equations S of the border, an error e of the intrinsics moves the others by −S_oo⁻¹ S_oh e.
 ///
 /// # Errors
-/// [`NotPositiveDefinite`] if the others are not determined.
-pub fn share_of_fixed(
-    system: &System,
-    fixed: &[(Range<usize>, DMatrix<f64>)],
-) -> Result<DMatrix<f64>, NotPositiveDefinite> {
-    let normal = system.normal()?;
+/// [`SolveError::Singular`] if the others are not determined.
+pub fn share_of_fixed(reduced: &Reduced, fixed: &[(Range<usize>, DMatrix<f64>)]) -> Result<DMatrix<f64>, SolveError> {
+    let normal = reduced.normal();
     let of_fixed = |index: usize| fixed.iter().any(|(range, _)| range.contains(&index));
     let others: Vec<usize> = (0..normal.nrows()).filter(|index| !of_fixed(*index)).collect();
     let by_others = DMatrix::from_fn(others.len(), others.len(), |row, column| normal[(others[row], others[column])]);
-    let inverse = super::bordered::scaled_inverse(&by_others)?;
+    let inverse = by_others.cholesky().ok_or(SolveError::Singular)?.inverse();
     let mut share = DMatrix::zeros(normal.nrows(), normal.nrows());
     for (range, covariance) in fixed {
         let between =

@@ -6,18 +6,24 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::GLOBAL_COUNT;
+use super::border::Columns;
+use super::control_band::mean_diagonal;
 use super::loss::Loss;
-use super::normal::RangeEquations;
-use super::observation_range::ObservationRange;
-use super::places;
-use super::system::{SegmentSystem, TrajectoryPriors};
+use super::normal::Equations;
+use super::smoothness::Acceleration;
+use super::stiffness::add_jerk;
+use super::system::TrajectoryPriors;
+use crate::trajectory::jerk::Jerk;
 
 /// Damping, relative to the diagonal: it keeps a parameter that the half does not determine where it is.
 const DAMPING: f64 = 1e-6;
 
 /// The normal equations of the estimated global parameters.
 pub struct Half {
-    free: Vec<usize>,
+    /// Their columns in the equations of the slices.
+    columns: Vec<usize>,
+    /// Their indices among all global parameters.
+    globals: Vec<usize>,
     information: DMatrix<f64>,
     right: DVector<f64>,
     /// Loss of the observations.
@@ -35,26 +41,49 @@ pub struct SolvedHalf {
 }
 
 impl Half {
-    /// Creates an empty half; `free` are its estimated global parameters.
-    pub fn new(free: &[bool; GLOBAL_COUNT]) -> Self {
-        let free = places(free);
-        let count = free.len();
-        Self { free, information: DMatrix::zeros(count, count), right: DVector::zeros(count), loss: Loss::default() }
+    /// Creates an empty half; `free` are its estimated global parameters, a part of those that have `columns` in the equations.
+    pub fn new(columns: &Columns, free: &[bool; GLOBAL_COUNT]) -> Self {
+        let of_half = columns.among(free);
+        let count = of_half.len();
+        Self {
+            columns: of_half,
+            globals: super::places(free),
+            information: DMatrix::zeros(count, count),
+            right: DVector::zeros(count),
+            loss: Loss::default(),
+        }
     }
 
     /// Adds a slice: the equations of all its intervals, which belong to one segment; `priors` belong to its trajectory.
     /// Returns `None` if they do not determine the trajectory.
-    pub fn add_slice(&mut self, slice: &[(ObservationRange, RangeEquations)], priors: &TrajectoryPriors) -> Option<()> {
-        let Some(segment) = SegmentSystem::of_ranges(slice, priors) else { return Some(()) };
-        let (schur, right) = segment.eliminated(DAMPING, &self.free).ok()?.schur();
+    pub fn add_slice(&mut self, slice: &[Equations], priors: &TrajectoryPriors) -> Option<()> {
+        let width = slice.first().map_or(0, |one| one.columns.end);
+        let Some(mut band) = Equations::sum_of_bands(&slice.iter().collect::<Vec<_>>(), width).ok()? else {
+            return Some(());
+        };
+        let scale = mean_diagonal(&band.blocks, band.order);
+        // Priors that concern only the control points of the slice.
+        let (first, end) = (band.first, band.first + band.count());
+        let (blocks, gradient) = (&mut band.blocks, &mut band.gradient);
+        for acceleration in priors.accelerations.iter().filter(|one| one.first >= first && one.first + 3 <= end) {
+            Acceleration { first: acceleration.first - first, ..*acceleration }.add_to(band.order, blocks, gradient);
+        }
+        if band.order > 3 {
+            let jerks = priors.jerks.iter().zip(priors.stiffness);
+            for (jerk, weights) in jerks.filter(|(jerk, _)| jerk.first >= first && jerk.first + 4 <= end) {
+                add_jerk(&Jerk { first: jerk.first - first, ..*jerk }, *weights, band.order, blocks, gradient);
+            }
+        }
+        band.border = band.border.selected(&self.columns);
+        let (schur, right) = band.into_eliminated(DAMPING, scale).ok()?.schur();
         self.information -= schur;
         self.right -= right;
-        for (_, equations) in slice {
-            for (row, &global) in self.free.iter().enumerate() {
-                for (column, &other) in self.free.iter().enumerate() {
-                    self.information[(row, column)] += equations.corner[(global.max(other), global.min(other))];
+        for equations in slice {
+            for (row, &column) in self.columns.iter().enumerate() {
+                for (place, &other) in self.columns.iter().enumerate() {
+                    self.information[(row, place)] += equations.corner.matrix[(column.max(other), column.min(other))];
                 }
-                self.right[row] -= equations.corner_gradient[global];
+                self.right[row] -= equations.corner.gradient[column];
             }
             self.loss.add(&equations.loss);
         }
@@ -64,13 +93,13 @@ impl Half {
     /// Solves the half; `None` if its observations do not determine the parameters.
     pub fn solved(&self) -> Option<SolvedHalf> {
         let mut damped = self.information.clone();
-        for place in 0..self.free.len() {
+        for place in 0..self.columns.len() {
             damped[(place, place)] *= 1.0 + DAMPING;
         }
         let step = damped.cholesky()?.solve(&self.right) * self.loss.lengthening();
         let formal = self.information.clone().cholesky()?.inverse();
         let mut globals = [0.0; GLOBAL_COUNT];
-        self.free.iter().zip(step.iter()).for_each(|(&global, value)| globals[global] = *value);
+        self.globals.iter().zip(step.iter()).for_each(|(&global, value)| globals[global] = *value);
         Some(SolvedHalf { globals, formal, decrease: 0.5 * step.dot(&self.right) })
     }
 }
@@ -81,8 +110,8 @@ mod tests {
     use crate::solve::BOARD_PARAMETERS;
     use crate::solve::bearing_table::BearingTable;
     use crate::solve::levenberg::{assemble, linearised};
-    use crate::solve::observation_range::observation_ranges;
     use crate::solve::observation_range::tests::example;
+    use crate::solve::observation_range::{ObservationRange, observation_ranges};
     use crate::trajectory::jerk::jerks;
 
     /// A half with all observations equals the whole, however they are cut into intervals.
@@ -93,20 +122,20 @@ mod tests {
         problem.free.board = [false; BOARD_PARAMETERS];
         problem.stiffness = vec![vec![[1e-3, 1e-2]; jerks(&state.trajectories[0]).len()]];
         let free = problem.free.mask();
-        let system = assemble(&problem, &state, &observation_ranges(&problem.segments));
-        let step = system.step(DAMPING, &free).unwrap();
-        let reduced = system.reduced(DAMPING, &free).unwrap();
-        let formal = reduced.covariance(&reduced.places(&free)).unwrap();
+        let columns = Columns::new(&free);
+        let system = assemble(&problem, &state, &observation_ranges(&problem.segments), &columns).unwrap();
+        let step = columns.globals(&system.step(DAMPING).unwrap().globals);
+        let formal = system.reduced(DAMPING).unwrap().covariance(&columns.among(&free)).unwrap();
 
         let bins = problem.segments[0].bins.len();
         let cut: Vec<ObservationRange> =
             [0..2, 2..5, 5..bins].map(|bins| ObservationRange { segment: 0, bins, points: 0..0 }).into();
         let bearings = BearingTable::new(&state.camera, problem.sensor);
         let priors = TrajectoryPriors::new(&state.trajectories[0], &problem.stiffness[0]);
-        let mut half = Half::new(&free);
-        half.add_slice(&linearised(&problem, &state, &bearings, &cut), &priors).unwrap();
+        let mut half = Half::new(&columns, &free);
+        half.add_slice(&linearised(&problem, &state, &bearings, &cut, &columns).unwrap(), &priors).unwrap();
         let solved = half.solved().unwrap();
-        for (global, value) in step.globals.iter().enumerate() {
+        for (global, value) in step.iter().enumerate() {
             let sigma = (0..GLOBAL_COUNT).filter(|&other| free[other]).position(|other| other == global);
             let sigma = sigma.map_or(1.0, |place| formal[(place, place)].sqrt());
             assert!(

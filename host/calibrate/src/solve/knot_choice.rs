@@ -13,12 +13,13 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::band::Band;
+use super::border::Columns;
 use super::knot_fit::{Displacement, KnotFit};
 use super::levenberg::assemble;
 use super::observation_range::observation_ranges;
 use super::stiffness::{Stiffness, weigh_jerks};
-use super::system::SegmentSystem;
-use super::{Problem, SegmentObservations, State};
+use super::{Problem, SegmentObservations, SolveError, State};
 use crate::trajectory::knot_grid::{KnotGrid, KnotSettings, cheapest_levels};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};
 use evcal_geometry::numerics::statistics::median;
@@ -72,9 +73,13 @@ const NOISE: f64 = 5.0;
 
 /// Puts the trajectories of `state` on the knots that the observations of `problem` support. A trajectory whose knots do not
 /// belong to a grid of `settings`, or which has no events, is not changed.
-pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> KnotChoice {
+///
+/// # Errors
+/// [`SolveError::OutOfBand`] if observations and trajectories do not fit together.
+pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -> Result<KnotChoice, SolveError> {
     let on_finest = on_finest_knots(problem, state, settings);
-    let system = assemble(problem, &with_finest(state, &on_finest), &observation_ranges(&problem.segments));
+    let ranges = observation_ranges(&problem.segments);
+    let system = assemble(problem, &with_finest(state, &on_finest), &ranges, &Columns::none())?;
     let costs: Vec<Option<Vec<Vec<f64>>>> = on_finest
         .par_iter()
         .zip(&system.segments)
@@ -111,7 +116,7 @@ pub fn choose_knots(problem: &Problem, state: &State, settings: &KnotSettings) -
         }
     }
     report.control_points = trajectories.iter().map(Trajectory::control_point_count).sum();
-    KnotChoice { trajectories, stiffness, report }
+    Ok(KnotChoice { trajectories, stiffness, report })
 }
 
 /// Puts each trajectory on its finest even knots; `None` if it is not changed.
@@ -137,7 +142,7 @@ fn with_finest(state: &State, on_finest: &[Option<(KnotGrid, KnotFit)>]) -> Stat
 
 /// Returns, for each level and each finest span, the additional cost of the best curve on even knots of that level over the best
 /// curve on the finest knots.
-fn level_costs(grid: &KnotGrid, fit: &KnotFit, equations: &SegmentSystem) -> Option<Vec<Vec<f64>>> {
+fn level_costs(grid: &KnotGrid, fit: &KnotFit, equations: &Band) -> Option<Vec<Vec<f64>>> {
     let spans = grid.finest_spans();
     let degree = fit.trajectory.degree;
     let finest = fit.step(equations)?;

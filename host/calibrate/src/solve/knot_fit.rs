@@ -3,8 +3,8 @@
 use evcal_core::spline::rotation::log;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+use super::band::Band;
 use super::stiffness::Quadratic;
-use super::system::SegmentSystem;
 use crate::trajectory::fit::on_knots;
 use crate::trajectory::knots::{Blend, insertion};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, RotationControl, RotationSpline, Trajectory};
@@ -58,7 +58,7 @@ impl KnotFit {
     }
 
     /// Returns the step to the least cost on the fine knots themselves; `None` if the equations do not determine it.
-    pub fn step(&self, equations: &SegmentSystem) -> Option<Displacement> {
+    pub fn step(&self, equations: &Band) -> Option<Displacement> {
         let count = self.quaternions.len();
         let own: Vec<Blend> = (0..count)
             .map(|first| {
@@ -73,7 +73,7 @@ impl KnotFit {
 
     /// Returns the displacement from the fine control points to the control points of the best curve on `coarse` knots, a subset
     /// of the fine ones.
-    pub fn displacement(&self, coarse: &[f64], equations: &SegmentSystem) -> Option<Displacement> {
+    pub fn displacement(&self, coarse: &[f64], equations: &Band) -> Option<Displacement> {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
         let (start, quaternions) = self.nearest(&blends, coarse.len() - degree - 1)?;
@@ -90,7 +90,7 @@ impl KnotFit {
     }
 
     /// Returns the nearest curve on `coarse` knots, with quaternions, and the quadratic cost of its control points.
-    pub fn nearest_on(&self, coarse: &[f64], equations: &SegmentSystem) -> Option<(Trajectory, Quadratic)> {
+    pub fn nearest_on(&self, coarse: &[f64], equations: &Band) -> Option<(Trajectory, Quadratic)> {
         let degree = self.trajectory.degree;
         let blends = insertion(coarse, &self.trajectory.knots, degree);
         let (translation, quaternions) = self.nearest(&blends, coarse.len() - degree - 1)?;
@@ -172,7 +172,7 @@ fn reduced_step(
     order: usize,
     count: usize,
     displacement: &Displacement,
-    equations: &SegmentSystem,
+    equations: &Band,
 ) -> Option<Displacement> {
     let Quadratic { mut matrix, mut right } = reduced(blends, order, count, displacement, equations)?;
     matrix.factor().ok()?;
@@ -187,7 +187,7 @@ fn reduced(
     order: usize,
     count: usize,
     displacement: &Displacement,
-    equations: &SegmentSystem,
+    equations: &Band,
 ) -> Option<Quadratic> {
     if equations.order < 2 || equations.gradient.len() != blends.len() {
         return None;

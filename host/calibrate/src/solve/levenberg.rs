@@ -6,133 +6,186 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::bearing_table::BearingTable;
+use super::border::Columns;
 use super::lens_step::{ObservedPixel, observed_pixels, stepped};
-use super::normal::RangeEquations;
+use super::normal::Equations;
 use super::observation_range::{ObservationRange, RANGES_TOGETHER, linearise, observation_ranges};
-use super::smoothness::{Acceleration, accelerations};
-use super::system::System;
-use super::{BOARD_INDEX, GLOBAL_COUNT, Problem, SolveError, SolveReport, State, bias_index};
+use super::system::{Step, System};
+use super::{BOARD_INDEX, GLOBAL_COUNT, ITERATIONS, Problem, SolveError, SolveReport, State, bias_index};
 use crate::solve::event_bias::CLASS_COUNT;
 use crate::solve::event_bias::bias::Bias;
-use crate::trajectory::jerk::jerks;
 use evcal_geometry::board::shape::BoardShape;
 
-/// Damping of the first step of a solve that starts far from its minimum.
-pub const FIRST_DAMPING: f64 = 1e-6;
-const SMALLEST_DAMPING: f64 = 1e-10;
-const LARGEST_DAMPING: f64 = 1e8;
-/// Iterations end when the cost falls by less than this share.
-const TOLERANCE: f64 = 1e-5;
-/// A step that is predicted to lower the cost by less than this share is accepted without evaluating the cost: so near the
-/// minimum the prediction is reliable.
-pub const TRUSTED: f64 = 8.0 * TOLERANCE;
-/// Cost of an observation that leaves the camera model's domain, in units of the mean cost of an observation, so that the loss of
-/// observations does not make a step look good.
+/// Cost of an observation that leaves a camera model's domain or the trajectories, in units of the mean cost of an observation, so
+/// that the loss of observations does not make a step look good.
 const COST_OUTSIDE_DOMAIN: f64 = 10.0;
 
-/// Damping at the start of a solve, and the condition for its end.
-#[derive(Clone, Copy)]
-pub struct Limits {
+/// The dampings and the end of a minimisation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Schedule {
     /// Damping of the first step.
-    pub damping: f64,
-    /// A step that is predicted to lower the cost by less than this share is the last, and the cost after it is not evaluated.
+    pub first: f64,
+    /// Smallest damping.
+    pub smallest: f64,
+    /// Largest damping.
+    pub largest: f64,
+    /// Smallest damping after a step that raised the cost.
+    pub after_rejection: f64,
+    /// The end is reached when the cost falls by less than this share.
+    pub share: f64,
+    /// A step that is predicted to lower the cost by less than this share is the last, and the cost after it is not evaluated: so near
+    /// the minimum the prediction is reliable.
     pub trusted: f64,
+    /// The end is also reached when the cost falls, or is predicted to fall, by less than this.
+    pub least: f64,
+    /// Largest number of iterations.
+    pub iterations: usize,
 }
 
-/// A solved problem.
-pub struct Solved {
-    /// The solution.
-    pub state: State,
-    /// Statistics of the solve.
+/// Schedule of a camera, which starts far from its minimum.
+pub const OF_CAMERA: Schedule = Schedule {
+    first: 1e-6,
+    smallest: 1e-10,
+    largest: 1e8,
+    after_rejection: 1e-4,
+    share: 1e-5,
+    trusted: 8e-5,
+    least: 0.0,
+    iterations: ITERATIONS,
+};
+
+/// Schedule of what is mounted to a calibrated camera, which starts near its minimum. A decrease of the cost of 0.02 is a step of 0.2 σ
+/// of independent observations.
+pub const OF_MOUNTED: Schedule = Schedule {
+    first: 1e-9,
+    smallest: 1e-9,
+    largest: 1e4,
+    after_rejection: 1e-5,
+    share: 0.0,
+    trusted: 0.0,
+    least: 0.02,
+    iterations: 15,
+};
+
+/// The minimum of a cost.
+pub struct Solved<E> {
+    /// The parameters there.
+    pub estimate: E,
+    /// The equations, before the last step if its cost was not evaluated.
+    pub system: System,
+    /// Statistics.
     pub report: SolveReport,
     /// Damping of a further step.
     pub damping: f64,
 }
 
-/// Minimises the cost of `problem`, starting at `state`.
+/// Minimises a cost by Levenberg-Marquardt, from an `estimate` and its equations. `moved` returns the estimate after a step; `None` if
+/// the step is impossible. `linearised` gets the number of the iteration, an estimate, the equations before it and the step that led
+/// there; it returns the equations at the estimate. After each iteration but the last, `on_progress` gets the progress from 0 to 1 and
+/// may end the minimisation; the result is then the estimate reached so far.
 ///
 /// # Errors
-/// [`SolveError`] if there are no observations, or if they do not determine the parameters.
-pub fn solve(problem: &Problem, state: State) -> Result<Solved, SolveError> {
-    let limits = Limits { damping: FIRST_DAMPING, trusted: TRUSTED };
-    solve_with_progress(problem, state, limits, &mut |_| ControlFlow::Continue(()))
-}
-
-/// Does the same as [`solve`], with other limits and a progress callback. After each iteration but the last,
-/// `on_progress` gets the progress from 0 to 1 and may end the solve; the result is then the state reached so far.
-///
-/// # Errors
-/// As [`solve`].
-pub fn solve_with_progress(
-    problem: &Problem,
-    mut state: State,
-    limits: Limits,
+/// Errors of `linearised`, and [`SolveError::Singular`] if the equations do not determine a step.
+pub fn minimise<E>(
+    schedule: &Schedule,
+    (mut estimate, mut system): (E, System),
+    moved: impl Fn(&E, &Step) -> Option<E>,
+    mut linearised: impl FnMut(usize, &E, (&System, &Step)) -> Result<System, SolveError>,
     on_progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
-) -> Result<Solved, SolveError> {
-    let ranges = observation_ranges(&problem.segments);
-    let free = problem.free.mask();
-    let observed = observed_pixels(&problem.segments, problem.sensor);
-    let mut system = assemble(problem, &state, &ranges);
-    if system.loss.count == 0 {
-        return Err(SolveError::NoObservations);
-    }
+) -> Result<Solved<E>, SolveError> {
     let mut report = SolveReport {
         observations: system.loss.count,
         initial_cost: system.cost,
         final_cost: system.cost,
         ..SolveReport::default()
     };
-    let mut damping = limits.damping;
+    let mut damping = schedule.first;
     let mut done = 0.0_f64;
     let mut was_rejected = false;
-    for _ in 0..problem.iterations {
-        if report.iterations > 0 {
-            done = done.max(report.iterations as f64 / problem.iterations as f64);
+    for iteration in 0..schedule.iterations {
+        if iteration > 0 {
+            done = done.max(iteration as f64 / schedule.iterations as f64);
             if on_progress(done).is_break() {
                 break;
             }
         }
         report.iterations += 1;
         let (cost, count) = (system.cost, system.loss.count);
-        let step = match system.step(damping, &free) {
+        let step = match system.step(damping) {
             Ok(step) => step,
-            Err(_) if damping < LARGEST_DAMPING => {
+            Err(_) if damping < schedule.largest => {
                 damping *= 100.0;
                 continue;
             }
-            Err(_) => return Err(SolveError::Singular),
+            Err(error) => return Err(error),
         };
-        let Some(trial) = moved(&state, &step.segments, &step.globals, &observed) else {
+        let Some(trial) = moved(&estimate, &step) else {
             damping *= 10.0;
             continue;
         };
-        if step.predicted < limits.trusted * cost {
+        if step.predicted < schedule.trusted * cost {
             if !was_rejected {
-                (state, report.final_cost) = (trial, cost - step.predicted);
+                (estimate, report.final_cost) = (trial, cost - step.predicted);
             }
             break;
         }
-        let next = assemble(problem, &trial, &ranges);
-        let cost_outside = COST_OUTSIDE_DOMAIN * cost / count as f64 * count.saturating_sub(next.loss.count) as f64;
+        if step.predicted < schedule.least {
+            break;
+        }
+        let next = linearised(iteration, &trial, (&system, &step))?;
+        let lost = count.saturating_sub(next.loss.count);
+        let cost_outside = COST_OUTSIDE_DOMAIN * cost / count.max(1) as f64 * lost as f64;
         if next.cost + cost_outside >= cost {
             report.rejected += 1;
             was_rejected = true;
-            if damping > LARGEST_DAMPING {
+            if damping > schedule.largest {
                 break;
             }
-            damping = (damping * 30.0).max(1e-4);
+            damping = (damping * 30.0).max(schedule.after_rejection);
             continue;
         }
-        let decrease = (cost - next.cost) / cost;
-        (state, system, was_rejected) = (trial, next, false);
-        report.final_cost = system.cost;
-        damping = (damping * 0.1).max(SMALLEST_DAMPING);
-        if decrease < TOLERANCE {
+        let decrease = cost - next.cost;
+        report.final_cost = next.cost;
+        (estimate, system, was_rejected) = (trial, next, false);
+        damping = (damping * 0.1).max(schedule.smallest);
+        if decrease / cost < schedule.share || decrease < schedule.least {
             break;
         }
-        done = done.max(settled(decrease, TOLERANCE));
+        done = done.max(settled(decrease / cost, schedule.share));
     }
-    Ok(Solved { state, report, damping })
+    Ok(Solved { estimate, system, report, damping })
+}
+
+/// Minimises the cost of `problem`, starting at `state`.
+///
+/// # Errors
+/// [`SolveError`] if there are no observations, or if they do not determine the parameters.
+pub fn solve(problem: &Problem, state: State) -> Result<Solved<State>, SolveError> {
+    solve_with_progress(problem, state, OF_CAMERA, &mut |_| ControlFlow::Continue(()))
+}
+
+/// Does the same as [`solve`], with another schedule, whose number of iterations is the problem's, and with the progress callback of
+/// [`minimise`].
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_with_progress(
+    problem: &Problem,
+    state: State,
+    schedule: Schedule,
+    on_progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<Solved<State>, SolveError> {
+    let schedule = Schedule { iterations: problem.iterations, ..schedule };
+    let ranges = observation_ranges(&problem.segments);
+    let columns = Columns::new(&problem.free.mask());
+    let observed = observed_pixels(&problem.segments, problem.sensor);
+    let system = assemble(problem, &state, &ranges, &columns)?;
+    if system.loss.count == 0 {
+        return Err(SolveError::NoObservations);
+    }
+    let stepped = |state: &State, step: &Step| moved(state, &step.segments, &columns.globals(&step.globals), &observed);
+    let linearised = |_, state: &State, _: (&System, &Step)| assemble(problem, state, &ranges, &columns);
+    minimise(&schedule, (state, system), stepped, linearised, on_progress)
 }
 
 /// Returns the progress of a solve, 0 to 1, when an iteration lowered the cost by the share `decrease`. The decreases get smaller
@@ -155,32 +208,54 @@ pub fn intrinsics_of(matrix: &DMatrix<f64>, free: &[bool; GLOBAL_COUNT], count: 
     part
 }
 
-/// Returns the normal equations of all observations of `problem` at `state` and of the trajectory priors; `ranges` are the
-/// intervals into which the observations are divided.
-pub fn assemble(problem: &Problem, state: &State, ranges: &[ObservationRange]) -> System {
+/// Returns the normal equations of all observations of `problem` at `state` and of the trajectory priors, with a border of
+/// `columns`; `ranges` are the intervals into which the observations are divided.
+///
+/// # Errors
+/// [`SolveError::OutOfBand`] if observations and trajectories do not fit together.
+pub fn assemble(
+    problem: &Problem,
+    state: &State,
+    ranges: &[ObservationRange],
+    columns: &Columns,
+) -> Result<System, SolveError> {
     let control_points: Vec<usize> = state.trajectories.iter().map(|t| t.control_point_count()).collect();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
-    let mut system = System::new(&control_points);
+    let mut system = System::new(&control_points, columns.width());
     for group in ranges.chunks(RANGES_TOGETHER) {
-        system.add(&linearised(problem, state, &bearings, group));
+        system.add(&linearised(problem, state, &bearings, group, columns)?)?;
     }
-    system.close();
-    let smoothness: Vec<Vec<Acceleration>> = state.trajectories.iter().map(accelerations).collect();
-    system.add_smoothness(&smoothness);
-    for (segment, (trajectory, weights)) in state.trajectories.iter().zip(&problem.stiffness).enumerate() {
-        system.add_jerks(segment, &jerks(trajectory), weights);
-    }
-    system
+    system.close(&state.trajectories, &problem.stiffness);
+    Ok(system)
 }
 
 /// Returns the normal equations of each of `ranges` at `state`; `bearings` belong to the state's camera.
+///
+/// # Errors
+/// [`SolveError::OutOfBand`] if observations and trajectories do not fit together.
 pub fn linearised(
     problem: &Problem,
     state: &State,
     bearings: &BearingTable,
     ranges: &[ObservationRange],
-) -> Vec<(ObservationRange, RangeEquations)> {
-    ranges.par_iter().map(|range| (range.clone(), linearise(problem, state, bearings, range))).collect()
+    columns: &Columns,
+) -> Result<Vec<Equations>, SolveError> {
+    ranges.par_iter().map(|range| linearise(problem, state, bearings, range, columns)).collect()
+}
+
+/// Linearises all events of `problem` at `state`, piece by piece.
+///
+/// # Errors
+/// [`SolveError::OutOfBand`] if observations and trajectories do not fit together.
+pub fn pieces(problem: &Problem, state: &State, columns: &Columns) -> Result<Vec<Equations>, SolveError> {
+    let bearings = BearingTable::new(&state.camera, problem.sensor);
+    linearised(problem, state, &bearings, &observation_ranges(&problem.segments), columns)
+}
+
+/// Returns `state`, whose estimated parameters have `columns`, after a `step`; `None` if the camera model rejects the parameters.
+pub fn after(problem: &Problem, state: &State, columns: &Columns, step: &Step) -> Option<State> {
+    let observed = observed_pixels(&problem.segments, problem.sensor);
+    moved(state, &step.segments, &columns.globals(&step.globals), &observed)
 }
 
 /// Returns `state` moved by a step; `observed` are the pixels whose bearings the step of the intrinsics changes linearly. Returns `None`
@@ -227,8 +302,7 @@ mod tests {
     fn a_solve_reports_its_progress_and_can_be_cancelled() {
         let (problem, state) = displaced();
         let mut reported = Vec::new();
-        let limits = Limits { damping: FIRST_DAMPING, trusted: TRUSTED };
-        let whole = solve_with_progress(&problem, state.clone(), limits, &mut |done| {
+        let whole = solve_with_progress(&problem, state.clone(), OF_CAMERA, &mut |done| {
             reported.push(done);
             ControlFlow::Continue(())
         });
@@ -239,7 +313,7 @@ mod tests {
             reported.len() > 1 && reported.is_sorted() && reported[0] > 0.0 && reported[reported.len() - 1] <= 1.0,
             "{reported:?}"
         );
-        let ended = solve_with_progress(&problem, state, limits, &mut |_| ControlFlow::Break(())).unwrap().report;
+        let ended = solve_with_progress(&problem, state, OF_CAMERA, &mut |_| ControlFlow::Break(())).unwrap().report;
         assert!(ended.iterations == 1 && ended.final_cost > whole.final_cost, "{ended:?}");
     }
 

@@ -34,6 +34,18 @@ impl Loss {
         self.squared += other.squared;
     }
 
+    /// Adds an observation of another kind with this cost, which does not count in [`Loss::lengthening`].
+    pub fn add_cost(&mut self, cost: f64) {
+        self.count += 1;
+        self.cost += cost;
+    }
+
+    /// Returns the loss of the same observations with another weight among observations of other kinds, without
+    /// [`Loss::lengthening`]: a step of all parameters cannot have the length of one kind.
+    pub fn weighted(self, weight: f64) -> Self {
+        Self { count: self.count, cost: weight * self.cost, weight: 0.0, squared: 0 }
+    }
+
     /// Returns the ratio of a Newton step to a Gauss-Newton step. An observation beyond Huber's bound has a weight but its slope
     /// does not change, so the weights imply a curvature that the loss does not have. The ratio is some 1.1; without it, the
     /// first step is a tenth too short.

@@ -1,187 +1,183 @@
-//! The normal equations of an interval of a trajectory, and their assembly.
+//! Normal equations of pieces of work.
 //!
-//! Events of one time bin share the pose and the basis weights. A bin therefore sums only the outer products of short rows
-//! ([`row_products`](super::row_products)) and expands them to the control points once. Intervals are independent, so they run in
+//! Observations of one time share the pose and the basis weights. They therefore sum only the outer products of short rows
+//! ([`row_products`](super::row_products)), which are expanded to the control points once. Pieces are independent, so they run in
 //! parallel and are merged in a fixed order: the result does not depend on the number of threads.
 
-use evcal_core::camera::MAX_PARAMETERS;
-use multiversion::multiversion;
-use nalgebra::{DMatrix, Matrix3, Vector3};
+use std::ops::Range;
 
-use crate::solve::event_bias::CLASS_COUNT;
-use crate::solve::event_bias::bias::Bias;
+use nalgebra::{DMatrix, DVector};
 
-use super::control_band::Block;
-use super::event_row::{ROW_BOARD, ROW_INTRINSICS, ROW_RESIDUAL, row_bias};
+use super::band::Band;
+use super::border::{Border, Columns, Corner, POINT};
+use super::control_band::{Block, banded_times};
+use super::event_bias::bias::Bias;
+use super::event_row::{ROW_RESIDUAL, row_bias};
 use super::loss::Loss;
-use super::pose_bin::PoseBin;
+use super::pose_products::COMMON_PLACES;
 use super::row_products::RowProducts;
-use super::{BOARD_INDEX, BOARD_PARAMETERS, GLOBAL_COUNT, bias_index};
+use super::{GLOBAL_COUNT, SolveError, bias_index};
 
-/// Indices in a row of the intrinsics and the board's parameters, which are the first global parameters.
-const COMMON_PLACES: [usize; BOARD_INDEX + BOARD_PARAMETERS] = {
-    let mut places = [0; BOARD_INDEX + BOARD_PARAMETERS];
-    let mut global = 0;
-    while global < places.len() {
-        places[global] =
-            if global < MAX_PARAMETERS { ROW_INTRINSICS + global } else { ROW_BOARD + global - BOARD_INDEX };
-        global += 1;
-    }
-    places
-};
-
-/// 6 × globals block of a control point, row by row.
-pub type BorderBlock = [[f64; GLOBAL_COUNT]; 6];
-
-/// Normal equations of an interval of one segment.
+/// Normal equations of a piece of work: observations of one segment.
 #[derive(Clone, Debug)]
-pub struct RangeEquations {
-    /// Index of the first control point concerned.
-    pub first: usize,
-    /// Number of control points that act at one time.
-    pub order: usize,
-    /// For each control point its blocks with itself and the `order − 1` before it.
-    pub blocks: Vec<Block>,
-    /// For each control point its block with the global parameters.
-    pub border: Vec<BorderBlock>,
-    /// For each control point its gradient Jᵀr.
-    pub gradient: Vec<[f64; 6]>,
-    /// Global part, lower triangle.
-    pub corner: DMatrix<f64>,
-    /// Global gradient.
-    pub corner_gradient: [f64; GLOBAL_COUNT],
+pub struct Equations {
+    /// Index of the segment.
+    pub segment: usize,
+    /// Time of the first observation (s).
+    pub t: f64,
+    /// Their columns of the border of the whole system.
+    pub columns: Range<usize>,
+    /// The control points.
+    pub band: Band,
+    /// The columns among themselves.
+    pub corner: Corner,
+    /// Information about each global parameter of events with everything else known, for fixed parameters too; empty for other
+    /// observations.
+    pub information: Vec<f64>,
     /// Loss of the observations.
     pub loss: Loss,
 }
 
-impl RangeEquations {
-    /// Creates empty equations for `count` control points from `first` on.
-    pub fn new(first: usize, count: usize, order: usize) -> Self {
-        Self {
-            first,
-            order,
-            blocks: vec![Block::zeros(); count * order],
-            border: vec![[[0.0; GLOBAL_COUNT]; 6]; count],
-            gradient: vec![[0.0; 6]; count],
-            corner: DMatrix::zeros(GLOBAL_COUNT, GLOBAL_COUNT),
-            corner_gradient: [0.0; GLOBAL_COUNT],
-            loss: Loss::default(),
-        }
-    }
-
-    /// Returns the number of control points.
-    pub fn control_point_count(&self) -> usize {
-        self.border.len()
-    }
-
-    /// Expands the pose part of `products` to the control points of `pose`, and clears that part.
-    pub fn add_bin(&mut self, pose: &PoseBin, products: &mut RowProducts) {
-        if !products.is_touched {
-            return;
-        }
-        let common = &products.common;
-        let block = |row: usize, column: usize| {
-            Matrix3::from_fn(|i, j| {
-                let (line, other) = (row + i, column + j);
-                common[line.max(other)][line.min(other)]
-            })
-        };
-        let (rotation, mixed, translation) = (block(0, 0), block(0, 3), block(3, 3));
-        let gradient = &common[ROW_RESIDUAL];
-        let turning = Vector3::new(gradient[0], gradient[1], gradient[2]);
-        let border = border_of(products);
-        let order = self.order;
-        for (a, (jacobian, &weight)) in pose.rotation_jacobians.iter().zip(&pose.weights).take(order).enumerate() {
-            let Some(index) = (pose.first + a).checked_sub(self.first) else { continue };
-            if index >= self.border.len() {
-                continue;
-            }
-            let transposed = jacobian.transpose();
-            let (rotation_a, mixed_a) = (transposed * rotation, transposed * mixed);
-            for (b, (jacobian_b, &weight_b)) in
-                pose.rotation_jacobians.iter().zip(&pose.weights).take(a + 1).enumerate()
-            {
-                let block = &mut self.blocks[index * order + (a - b)];
-                let mut add = |row: usize, column: usize, part: Matrix3<f64>| {
-                    let mut view = block.fixed_view_mut::<3, 3>(row, column);
-                    view += part;
-                };
-                add(0, 0, rotation_a * jacobian_b);
-                add(0, 3, mixed_a * weight_b);
-                add(3, 0, (mixed.transpose() * jacobian_b) * weight);
-                add(3, 3, translation * (weight * weight_b));
-            }
-            add_border(&mut self.border[index], &border, jacobian, weight);
-            let sum = &mut self.gradient[index];
-            let turned = transposed * turning;
-            for axis in 0..3 {
-                sum[axis] += turned[axis];
-                sum[3 + axis] += gradient[3 + axis] * weight;
-            }
-        }
-        products.clear_pose();
+impl Equations {
+    /// Creates empty equations for the control points of an empty `band`.
+    pub fn new(segment: usize, t: f64, columns: Range<usize>, band: Band) -> Self {
+        let width = columns.len();
+        Self { segment, t, columns, band, corner: Corner::zeros(width), information: Vec::new(), loss: Loss::default() }
     }
 
     /// Adds the global part of `products`.
-    pub fn add_globals(&mut self, products: &RowProducts) {
-        let corner = &mut self.corner;
+    pub fn add_globals(&mut self, products: &RowProducts, columns: &Columns) {
+        self.information.resize(GLOBAL_COUNT, 0.0);
+        let Corner { matrix, gradient } = &mut self.corner;
+        let mut add = |parameter: usize, other: usize, value: f64| {
+            if let (Some(row), Some(column)) = (columns.place(parameter), columns.place(other)) {
+                matrix[(row, column)] += value;
+            }
+            if parameter == other {
+                self.information[parameter] += value;
+            }
+        };
+        let mut add_gradient = |parameter: usize, value: f64| {
+            if let Some(row) = columns.place(parameter) {
+                gradient[row] += value;
+            }
+        };
         for (parameter, place) in COMMON_PLACES.into_iter().enumerate() {
             let line = &products.common[place];
             for (other, place) in COMMON_PLACES.into_iter().enumerate().take(parameter + 1) {
-                corner[(parameter, other)] += line[place];
+                add(parameter, other, line[place]);
             }
-            self.corner_gradient[parameter] += line[ROW_RESIDUAL];
+            add_gradient(parameter, line[ROW_RESIDUAL]);
         }
         for (class, lines) in products.classes.iter().enumerate() {
             for (bias, line) in Bias::ALL.into_iter().zip(lines) {
                 let global = bias_index(class, bias);
                 for (parameter, place) in COMMON_PLACES.into_iter().enumerate() {
-                    corner[(global, parameter)] += line[place];
+                    add(global, parameter, line[place]);
                 }
                 for other in Bias::ALL.into_iter().take_while(|other| other.index() <= bias.index()) {
                     let other_global = bias_index(class, other);
                     // Shared biases come before a class's own.
-                    corner[(global.max(other_global), global.min(other_global))] += line[row_bias(other)];
+                    add(global.max(other_global), global.min(other_global), line[row_bias(other)]);
                 }
-                self.corner_gradient[global] += line[ROW_RESIDUAL];
+                add_gradient(global, line[ROW_RESIDUAL]);
             }
         }
     }
-}
 
-/// Returns the products of the pose with the global parameters.
-pub fn border_of(products: &RowProducts) -> BorderBlock {
-    let mut border = [[0.0; GLOBAL_COUNT]; 6];
-    for (axis, line) in border.iter_mut().enumerate() {
-        for (entry, place) in line.iter_mut().zip(COMMON_PLACES) {
-            *entry = products.common[place][axis];
-        }
-    }
-    for class in (0..CLASS_COUNT).filter(|&class| products.touched[class]) {
-        for (bias, from) in Bias::ALL.into_iter().zip(&products.classes[class]) {
-            for (line, value) in border.iter_mut().zip(from) {
-                line[bias_index(class, bias)] += *value;
+    /// Builds equations from the Gram matrix `gram` of some rows. A row has six columns for each of `order` control points from `first`
+    /// on, then those of the border, then the residual.
+    pub fn of_gram(self, first: usize, order: usize, gram: &DMatrix<f64>) -> Self {
+        let (points, width) = (POINT * order, self.columns.len());
+        let residual = points + width;
+        let mut blocks = vec![Block::zeros(); order * order];
+        for row in 0..order {
+            for back in 0..=row {
+                let part = gram.view((POINT * row, POINT * (row - back)), (POINT, POINT));
+                blocks[row * order + back].copy_from(&part);
             }
         }
+        let band = Band {
+            first,
+            order,
+            blocks,
+            border: Border::from_fn(order, width, |row, column| gram[(row, points + column)]),
+            gradient: (0..order)
+                .map(|point| std::array::from_fn(|axis| gram[(POINT * point + axis, residual)]))
+                .collect(),
+        };
+        Self {
+            band,
+            corner: Corner {
+                matrix: gram.view((points, points), (width, width)).into_owned(),
+                gradient: DVector::from_fn(width, |row, _| gram[(points + row, residual)]),
+            },
+            ..self
+        }
     }
-    border
-}
 
-/// Adds the part of a control point. `jacobian` is the derivative of the rotation by the control point, `weight` the derivative
-/// of the translation.
-#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
-fn add_border(sum: &mut BorderBlock, border: &BorderBlock, jacobian: &Matrix3<f64>, weight: f64) {
-    let [x, y, z, moving @ ..] = border;
-    let (turning, moved) = sum.split_at_mut(3);
-    for (axis, line) in turning.iter_mut().enumerate() {
-        let [by_x, by_y, by_z] = [jacobian[(0, axis)], jacobian[(1, axis)], jacobian[(2, axis)]];
-        for (global, sum) in line.iter_mut().enumerate() {
-            *sum += by_x * x[global] + by_y * y[global] + by_z * z[global];
-        }
+    /// Returns the equations with all observations weighted by `weight`.
+    pub fn weighted(mut self, weight: f64) -> Self {
+        self.band.blocks.iter_mut().for_each(|block| *block *= weight);
+        self.band.border.scale(weight);
+        self.band.gradient.iter_mut().flatten().for_each(|entry| *entry *= weight);
+        self.corner.matrix *= weight;
+        self.corner.gradient *= weight;
+        self.loss = self.loss.weighted(weight);
+        self
     }
-    for (line, moving) in moved.iter_mut().zip(moving) {
-        for (sum, value) in line.iter_mut().zip(moving) {
-            *sum += weight * value;
+
+    /// Returns the equations after a step of the control points of each segment and of the columns of the whole border, as if the cost
+    /// were a quadratic function of them.
+    ///
+    /// # Errors
+    /// [`SolveError::OutOfBand`] if the step has other parameters.
+    pub fn moved(&self, segments: &[Vec<f64>], globals: &[f64]) -> Result<Self, SolveError> {
+        let mut moved = self.clone();
+        let (band, count) = (&self.band, POINT * self.band.count());
+        let points = segments.get(self.segment).and_then(|step| step.get(POINT * band.first..)?.get(..count));
+        let (Some(points), Some(globals)) = (points, globals.get(self.columns.clone())) else {
+            return Err(SolveError::OutOfBand);
+        };
+        let points = DMatrix::from_column_slice(count, 1, points);
+        let globals = DVector::from_column_slice(globals);
+        let border = band.border.to_matrix(band.count());
+        let of_points = banded_times(&band.blocks, band.order, &points).column(0) + &border * &globals;
+        let of_globals = border.tr_mul(&points).column(0) + self.corner.whole() * &globals;
+        let points = points.column(0);
+        let gradient = DVector::from_column_slice(band.gradient.as_flattened());
+        moved.loss.cost += gradient.dot(&points) + self.corner.gradient.dot(&globals);
+        moved.loss.cost += 0.5 * (points.dot(&of_points) + globals.dot(&of_globals));
+        let changes = moved.band.gradient.iter_mut().flatten().zip(&of_points);
+        changes.for_each(|(sum, change)| *sum += change);
+        moved.corner.gradient += of_globals;
+        Ok(moved)
+    }
+
+    /// Sums the control points of pieces of one segment, for a border of `width` columns; `None` without observations.
+    ///
+    /// # Errors
+    /// [`SolveError::OutOfBand`] if they do not fit together.
+    pub fn sum_of_bands(pieces: &[&Self], width: usize) -> Result<Option<Band>, SolveError> {
+        let concerned = || pieces.iter().filter(|piece| piece.band.count() > 0);
+        let first = concerned().map(|piece| piece.band.first).min();
+        let end = concerned().map(|piece| piece.band.first + piece.band.count()).max();
+        let (Some(first), Some(end), Some(one)) = (first, end, concerned().next()) else { return Ok(None) };
+        let mut sum = Band::new(first, end - first, one.band.order, width);
+        for piece in concerned() {
+            sum.merge(&piece.band, piece.columns.start)?;
         }
+        Ok(Some(sum))
+    }
+
+    /// Sums pieces of one segment, for a border of `width` columns; `None` without observations.
+    ///
+    /// # Errors
+    /// [`SolveError::OutOfBand`] if they do not fit together.
+    pub fn sum(pieces: &[&Self], width: usize) -> Result<Option<Self>, SolveError> {
+        let (Some(band), Some(one)) = (Self::sum_of_bands(pieces, width)?, pieces.first()) else { return Ok(None) };
+        let mut sum = Self::new(one.segment, one.t, 0..width, band);
+        pieces.iter().for_each(|piece| sum.corner.add(&piece.corner, piece.columns.start));
+        Ok(Some(sum))
     }
 }

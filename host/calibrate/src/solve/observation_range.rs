@@ -5,17 +5,20 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
+use super::band::Band;
 use super::bearing_table::BearingTable;
+use super::border::Columns;
 use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
 use super::event_row::ROW_RESIDUAL;
 use super::loss::Loss;
-use super::normal::RangeEquations;
+use super::normal::Equations;
 use super::observation::{EventObservation, SegmentObservations};
 use super::point_row::point_rows;
 use super::pose_bin::PoseBin;
+use super::pose_products::PoseProducts;
 use super::row_batch::RowBatch;
 use super::row_products::{RowProducts, single};
-use super::{Problem, State};
+use super::{Problem, SolveError, State};
 use crate::circles::reference_frame::PointObservation;
 use crate::solve::event_bias::bias::Bias;
 use crate::solve::event_bias::robust::ClassResidual;
@@ -68,44 +71,55 @@ pub fn observation_ranges(segments: &[SegmentObservations]) -> Vec<ObservationRa
 }
 
 /// Computes the normal equations of `range` at `state`.
+///
+/// # Errors
+/// [`SolveError::OutOfBand`] if the state has no trajectory for these observations.
 pub fn linearise(
     problem: &Problem,
     state: &State,
     bearings: &BearingTable,
     range: &ObservationRange,
-) -> RangeEquations {
-    let (Some(observations), Some(trajectory)) =
-        (problem.segments.get(range.segment), state.trajectories.get(range.segment))
-    else {
-        return RangeEquations::new(0, 0, 1);
-    };
+    columns: &Columns,
+) -> Result<Equations, SolveError> {
+    let observations = problem.segments.get(range.segment).ok_or(SolveError::OutOfBand)?;
+    let trajectory = state.trajectories.get(range.segment).ok_or(SolveError::OutOfBand)?;
     let bins = observations.bins.get(range.bins.clone()).unwrap_or_default();
     let points = observations.points.get(range.points.clone()).unwrap_or_default();
-    let times = || bins.iter().map(|bin| bin.t).chain(points.iter().map(|point| point.t));
-    let first_pose = times().find_map(|t| PoseBin::new(trajectory, t));
-    let last_pose = times().rev().find_map(|t| PoseBin::new(trajectory, t));
-    let (Some(first_pose), Some(last_pose)) = (first_pose, last_pose) else {
-        return RangeEquations::new(0, 0, trajectory.degree + 1);
-    };
-    let count = last_pose.first + last_pose.order - first_pose.first;
-    let mut equations = RangeEquations::new(first_pose.first, count, first_pose.order);
+    let times = bins.iter().map(|bin| bin.t).chain(points.iter().map(|point| point.t));
+    let order = trajectory.degree + 1;
+    // Observations need not be in order of time.
+    let first_points = times.filter_map(|t| trajectory.first_point(t));
+    let span = first_points.fold(None, |span: Option<(usize, usize)>, first| {
+        let (least, most) = span.unwrap_or((first, first));
+        Some((least.min(first), most.max(first)))
+    });
+    let (first, count) = span.map_or((0, 0), |(least, most)| (least, most + order - least));
+    let band = Band::new(first, count, order, columns.width());
+    let mut equations = Equations::new(range.segment, range.start(&problem.segments), columns.range(), band);
     let mut sums = BinSums::default();
-
+    let mut products = PoseProducts::new(columns.width());
+    let mut expand = |pose: &PoseBin, sums: &mut RowProducts| {
+        if sums.is_touched {
+            products.take(sums, columns);
+            equations.band.add(pose, &products)?;
+            sums.clear_pose();
+        }
+        Ok(())
+    };
     for bin in bins {
         let Some(pose) = PoseBin::new(trajectory, bin.t) else { continue };
         let events = observations.events.get(bin.first..bin.end).unwrap_or_default();
         sums.add_events(problem, state, bearings, &pose, events);
-        equations.add_bin(&pose, &mut sums.products);
+        expand(&pose, &mut sums.products)?;
     }
-
     for point in points {
         let Some(pose) = PoseBin::new(trajectory, point.t) else { continue };
         sums.add_point(problem, state, &pose, point);
-        equations.add_bin(&pose, &mut sums.products);
+        expand(&pose, &mut sums.products)?;
     }
-    equations.add_globals(&sums.products);
+    equations.add_globals(&sums.products, columns);
     equations.loss = sums.loss;
-    equations
+    Ok(equations)
 }
 
 /// Products of the rows of observations that share a pose, and of all rows of an interval.
@@ -366,11 +380,13 @@ pub(crate) mod tests {
         observations
     }
 
-    fn cost_and_gradient(problem: &Problem, state: &State) -> (f64, RangeEquations) {
+    fn cost_and_gradient(problem: &Problem, state: &State) -> (f64, Equations) {
         let bearings = BearingTable::new(&state.camera, problem.sensor);
-        let mut equations = linearised(problem, state, &bearings, &observation_ranges(&problem.segments));
+        let columns = Columns::new(&[true; GLOBAL_COUNT]);
+        let ranges = observation_ranges(&problem.segments);
+        let mut equations = linearised(problem, state, &bearings, &ranges, &columns).unwrap();
         assert_eq!(equations.len(), 1);
-        let (_, equations) = equations.remove(0);
+        let equations = equations.remove(0);
         assert_eq!(equations.loss.count, problem.segments[0].events.len());
         (equations.loss.cost, equations)
     }
@@ -435,12 +451,12 @@ pub(crate) mod tests {
             .chain([(bias_index(2, Bias::Latency), 1e-6), (bias_index(5, Bias::Curvature), 1e-3)]);
         for (global, size) in globals {
             let numeric = slope(&step(global, size, GLOBAL_COUNT), &still) / size;
-            assert_close(equations.corner_gradient[global], numeric, 0.05 / size, &format!("global {global}"));
+            assert_close(equations.corner.gradient[global], numeric, 0.05 / size, &format!("global {global}"));
         }
         for number in 0..6 * control_points {
             let size = 1e-5;
             let numeric = slope(&[0.0; GLOBAL_COUNT], &step(number, size, 6 * control_points)) / size;
-            let found = equations.gradient[number / 6][number % 6];
+            let found = equations.band.gradient[number / 6][number % 6];
             assert_close(found, numeric, 0.05 / size, &format!("control point {number}"));
         }
     }

@@ -21,7 +21,7 @@ use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
-use crate::solve::levenberg::{FIRST_DAMPING, Limits, Solved, TRUSTED, solve_with_progress};
+use crate::solve::levenberg::{OF_CAMERA, Schedule, Solved, solve_with_progress};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::observation_range::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
@@ -69,7 +69,7 @@ const KNOTS: usize = 2;
 const COARSE: usize = 4;
 
 /// If another solve with more events follows, a solve ends at a step that is predicted to lower the cost by less than this share.
-const EARLY: f64 = 1e-3;
+const OF_EARLY: Schedule = Schedule { trusted: 1e-3, ..OF_CAMERA };
 
 /// Assumed spread of the events until it is known (px).
 pub const FIRST_SIGMA: f64 = 0.5;
@@ -242,26 +242,26 @@ pub fn refine<E: Send>(
         let intrinsics = problem.free.intrinsics.iter_mut().zip(input.fixed);
         intrinsics.for_each(|(free, fixed)| *free &= !fixed);
         let is_large = final_round && counts.iter().sum::<usize>() > EARLY_EVENTS;
-        let knots = (!first).then(|| {
+        let mut knots = None;
+        if !first {
             let fewer = is_large.then(|| problem.every(KNOTS));
-            let choice = choose_knots(fewer.as_ref().unwrap_or(&problem), &state, settings.knots);
-            state.trajectories = choice.trajectories;
-            problem.stiffness = choice.stiffness;
-            choice.report
-        });
+            let choice = choose_knots(fewer.as_ref().unwrap_or(&problem), &state, settings.knots)?;
+            (state.trajectories, problem.stiffness) = (choice.trajectories, choice.stiffness);
+            knots = Some(choice.report);
+        }
         let before = state.camera;
         on_progress(READY).map_err(RefinementError::Read)?;
-        let mut limits = Limits { damping: FIRST_DAMPING, trusted: if final_round { TRUSTED } else { EARLY } };
+        let mut schedule = if final_round { OF_CAMERA } else { OF_EARLY };
         let mut ready = READY;
         if is_large {
             let coarse = problem.every(COARSE);
             let solving = &mut |done| flow(on_progress(READY + (COARSELY_SOLVED - READY) * done));
-            let early = Limits { trusted: EARLY, ..limits };
-            let Solved { state: solved, damping, .. } = solve_with_progress(&coarse, state, early, solving)?;
-            (state, ready, limits.damping) = (solved, COARSELY_SOLVED, damping);
+            let Solved { estimate, damping, .. } = solve_with_progress(&coarse, state, OF_EARLY, solving)?;
+            (state, ready, schedule.first) = (estimate, COARSELY_SOLVED, damping);
         }
         let solving = &mut |done| flow(on_progress(ready + (SOLVED - ready) * done));
-        let Solved { state: solved, report: solve_report, .. } = solve_with_progress(&problem, state, limits, solving)?;
+        let Solved { estimate: solved, report: solve_report, .. } =
+            solve_with_progress(&problem, state, schedule, solving)?;
         on_progress(SOLVED).map_err(RefinementError::Read)?;
         state = solved;
         let moved = difference(&before, &state.camera, input.sensor);
@@ -278,7 +278,7 @@ pub fn refine<E: Send>(
                 drop(events);
                 leave_out(&mut problem, &state, &unexplained);
                 let solving = &mut |done| flow(on_progress(SOLVED + (1.0 - SOLVED) * done));
-                state = solve_with_progress(&problem, state, limits, solving)?.state;
+                state = solve_with_progress(&problem, state, schedule, solving)?.estimate;
                 on_progress(1.0).map_err(RefinementError::Read)?;
                 events = residuals_at(&problem, &state);
                 residuals = residual_statistics(&problem, &state, &events);

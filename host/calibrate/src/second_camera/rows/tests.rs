@@ -3,10 +3,11 @@
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use evcal_core::sensor::Sensor;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{DVector, Isometry3, Point3, Vector3};
 
 use super::*;
 use crate::circles::reference_frame::PointObservation;
+use crate::second_camera::carried::POSE;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
 use crate::solve::board_edge::BoardEdges;
 use crate::solve::event_bias::bias::{Bias, Biases};
@@ -59,9 +60,16 @@ fn observations(trajectory: &Trajectory) -> SegmentObservations {
     observations
 }
 
-fn parts(problem: &Problem, estimate: &Estimate, free: &[usize]) -> Vec<SecondPart> {
+/// The border of the system: the mount, then the second camera.
+fn columns(of_mount: usize, free: &[usize]) -> Columns {
+    let mut mask = [false; crate::solve::GLOBAL_COUNT];
+    free.iter().for_each(|&global| mask[global] = true);
+    Columns::after(of_mount, &mask)
+}
+
+fn pieces(problem: &Problem, estimate: &Estimate, columns: &Columns) -> Vec<Equations> {
     let bearings = BearingTable::new(&estimate.second.camera, problem.sensor);
-    let of_range = |range: &ObservationRange| second_parts(problem, estimate, &bearings, free, range);
+    let of_range = |range: &ObservationRange| second_pieces(problem, estimate, &bearings, columns, range).unwrap();
     observation_ranges(&problem.segments).iter().flat_map(of_range).collect()
 }
 
@@ -98,20 +106,20 @@ fn the_gradient_is_the_slope_of_the_cost() {
     let first = State { camera: camera(), board: FLAT, bias, trajectories: vec![trajectory] };
     let second = State { trajectories: Vec::new(), ..first.clone() };
     let estimate = Estimate { first, second, mount: mount() };
-    let found = parts(&problem, &estimate, &free);
-    let [SecondPart { part, count }] = found.as_slice() else { panic!("one part") };
-    assert_eq!((*count, part.segment, part.globals.clone()), (50 * BINS, 0, 0..COUNT + free.len()));
+    let columns = columns(COUNT, &free);
+    let found = pieces(&problem, &estimate, &columns);
+    let [piece] = found.as_slice() else { panic!("one piece") };
+    assert_eq!((piece.loss.count, piece.segment, piece.columns.clone()), (50 * BINS, 0, 0..COUNT + free.len()));
 
     let cost = |globals: &[f64], step: &[f64]| {
-        let mut of_lens = [0.0; crate::solve::GLOBAL_COUNT];
-        free.iter().zip(&globals[COUNT..]).for_each(|(&global, value)| of_lens[global] = *value);
+        let of_lens = columns.globals(globals);
         let none = [0.0; crate::solve::GLOBAL_COUNT];
         let moved_estimate = Estimate {
             first: moved(&estimate.first, &[step.to_vec()], &none, &[]).unwrap(),
             second: moved(&estimate.second, &[], &of_lens, &[]).unwrap(),
             mount: estimate.mount.moved(globals),
         };
-        parts(&problem, &moved_estimate, &free).iter().map(|one| one.part.cost).sum::<f64>()
+        pieces(&problem, &moved_estimate, &columns).iter().map(|one| one.loss.cost).sum::<f64>()
     };
     let slope = |index: usize, size: f64, of_points: bool| {
         let at = |sign: f64| {
@@ -132,11 +140,12 @@ fn the_gradient_is_the_slope_of_the_cost() {
     let of_lens =
         [0.01, 0.01, 0.01, 1e-4, 1e-3, 1e-6].into_iter().enumerate().map(|(index, size)| (COUNT + index, size));
     for (index, size) in of_mount.chain(of_clock).chain(of_lens) {
-        assert_close(part.corner_gradient[index], slope(index, size, false), 0.05 / size, &format!("global {index}"));
+        assert_close(piece.corner.gradient[index], slope(index, size, false), 0.05 / size, &format!("global {index}"));
     }
-    for row in 0..part.gradient.len() {
-        let index = POSE * part.first + row;
-        assert_close(part.gradient[row], slope(index, 1e-5, true), 5e3, &format!("control point {index}"));
+    let gradient = |piece: &Equations| DVector::from_column_slice(piece.band.gradient.as_flattened());
+    for (row, found) in gradient(piece).iter().enumerate() {
+        let index = POSE * piece.band.first + row;
+        assert_close(*found, slope(index, 1e-5, true), 5e3, &format!("control point {index}"));
     }
 
     // The border, from the gradients of a changed mount: all of it is one quadratic function.
@@ -145,12 +154,15 @@ fn the_gradient_is_the_slope_of_the_cost() {
         let mut globals = [0.0; COUNT];
         globals[column] = step;
         let moved = Estimate { mount: estimate.mount.moved(&globals), ..estimate.clone() };
-        let after = &parts(&problem, &moved, &free)[0].part;
-        let change = (&after.gradient - &part.gradient) / step;
-        let expected = part.border.column(column);
+        let after = &pieces(&problem, &moved, &columns)[0];
+        let change = (gradient(after) - gradient(piece)) / step;
+        let border = piece.band.border.to_matrix(piece.band.count());
+        let expected = border.column(column);
         assert!((&change - expected).norm() < 0.05 * expected.norm(), "column {column}: {change} {expected}");
-        let change = (&after.corner_gradient - &part.corner_gradient) / step;
-        let expected = part.corner.column(column);
+        let change = (&after.corner.gradient - &piece.corner.gradient) / step;
+        let mut corner = piece.corner.matrix.clone();
+        corner.fill_upper_triangle_with_lower_triangle();
+        let expected = corner.column(column);
         assert!((&change - expected).norm() < 0.05 * expected.norm(), "column {column}: {change} {expected}");
     }
 }
@@ -176,31 +188,31 @@ fn the_gradient_is_the_slope_of_the_cost_of_circles_in_frames_too() {
     let first = State { camera: camera(), board: FLAT, bias: unknown(0.3), trajectories: vec![trajectory] };
     let second = State { trajectories: Vec::new(), ..first.clone() };
     let estimate = Estimate { first, second, mount };
-    let found = parts(&problem, &estimate, &free);
-    let [SecondPart { part, count }] = found.as_slice() else { panic!("one part") };
-    assert_eq!((*count, part.globals.clone()), (CENTERS.len() * BINS, 0..MOST + free.len()));
+    let columns = columns(MOST, &free);
+    let found = pieces(&problem, &estimate, &columns);
+    let [piece] = found.as_slice() else { panic!("one piece") };
+    assert_eq!((piece.loss.count, piece.columns.clone()), (CENTERS.len() * BINS, 0..MOST + free.len()));
     let cost = |index: usize, size: f64| {
         let mut globals = vec![0.0; MOST + free.len()];
         globals[index] = size;
-        let mut of_lens = [0.0; crate::solve::GLOBAL_COUNT];
-        free.iter().zip(&globals[MOST..]).for_each(|(&global, value)| of_lens[global] = *value);
+        let of_lens = columns.globals(&globals);
         let moved_estimate = Estimate {
             second: moved(&estimate.second, &[], &of_lens, &[]).unwrap(),
             mount: estimate.mount.moved(&globals),
             ..estimate.clone()
         };
-        parts(&problem, &moved_estimate, &free).iter().map(|one| one.part.cost).sum::<f64>()
+        pieces(&problem, &moved_estimate, &columns).iter().map(|one| one.loss.cost).sum::<f64>()
     };
     let sizes = [1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-4, 1e-7, 0.01, 0.01, 1e-4];
     for (index, size) in sizes.into_iter().enumerate() {
         let wanted = (cost(index, size) - cost(index, -size)) / (2.0 * size);
         // The information of a parameter is the change of its slope; products are summed in single precision.
-        let scale = 1e-4 * part.corner[(index, index)] * size;
-        let found = part.corner_gradient[index];
+        let scale = 1e-4 * piece.corner.matrix[(index, index)] * size;
+        let found = piece.corner.gradient[index];
         assert!((found - wanted).abs() < 1e-3 * wanted.abs() + scale, "global {index}: {found} against {wanted}");
         let bend = (cost(index, size) + cost(index, -size) - 2.0 * cost(index, 0.0)) / (size * size);
-        let found = part.corner[(index, index)];
+        let found = piece.corner.matrix[(index, index)];
         assert!((found - bend).abs() < 0.1 * bend.abs(), "global {index}: {found} against {bend}");
     }
-    assert!(part.corner[(LINE_DELAY, LINE_DELAY)] > 0.0);
+    assert!(piece.corner.matrix[(LINE_DELAY, LINE_DELAY)] > 0.0);
 }
