@@ -8,7 +8,7 @@ use super::parameters::{
 };
 use crate::quality::uncertainty::blocks::{jackknife_step, scatter, sum_by_block};
 use crate::solve::normal::Equations;
-use crate::solve::system::Reduced;
+use crate::solve::system::{Blocks, Reduced};
 
 /// Lengths of blocks (s).
 const LENGTHS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
@@ -67,7 +67,7 @@ pub fn inertial_uncertainty(
     total: f64,
 ) -> Result<InertialUncertainty, InertialError> {
     let formal = reduced.whole_covariance()?;
-    let (times, contributions) = reduced.into_follows().blocks(pieces, LENGTHS[0])?;
+    let Blocks { times, contributions } = reduced.into_follows().blocks(pieces, LENGTHS[0])?;
     let lengths = LENGTHS.iter().filter(|&&length| length == LENGTHS[0] || length * FEWEST <= total);
     let scatters: Vec<DMatrix<f64>> = lengths
         .filter_map(|&length| scatter(&formal, sum_by_block(&times, &contributions, length), COUNT, jackknife_step))

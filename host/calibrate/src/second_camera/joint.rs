@@ -22,7 +22,7 @@ use crate::solve::levenberg::{self, OF_MOUNTED, after, minimise, pieces};
 use crate::solve::loss::Loss;
 use crate::solve::normal::Equations;
 use crate::solve::observation_range::{ObservationRange, observation_ranges};
-use crate::solve::system::{Step, System};
+use crate::solve::system::{Blocks, Step, System};
 use crate::solve::{Problem, SolveError, State};
 
 /// Fixed intrinsics of the first and the second camera; `None` for intrinsics that are estimated.
@@ -83,7 +83,7 @@ pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraEr
     let pieces = std::mem::take(&mut system.pieces);
     let reduced = system.into_reduced()?;
     let formal = reduced.whole_covariance()?;
-    let (times, contributions) = reduced.into_follows().blocks(&pieces, 0.5 * BLOCK)?;
+    let Blocks { times, contributions } = reduced.into_follows().blocks(&pieces, 0.5 * BLOCK)?;
     let total = estimate.first.trajectories.iter().map(|one| one.end() - one.start()).sum();
     let time = Time { starts: &times, total };
     let count = estimate.mount.count();

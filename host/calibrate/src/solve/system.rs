@@ -317,6 +317,14 @@ impl Reduced {
     }
 }
 
+/// Contributions of blocks of time to the equations of the global parameters.
+pub struct Blocks {
+    /// For each block its segment and its middle (s).
+    pub times: Vec<(usize, f64)>,
+    /// For each block its contribution.
+    pub contributions: Vec<PackedContribution>,
+}
+
 /// Dependence of the control points of each segment on the estimated global parameters.
 pub struct Follows {
     segments: Vec<Following>,
@@ -348,16 +356,11 @@ impl Follows {
         pieces.par_iter().filter_map(of_piece).collect()
     }
 
-    /// Returns the contributions of blocks of `length` seconds of `pieces`, which may have a part of the columns each, after the
-    /// segment and the middle (s) of each block.
+    /// Returns the contributions of blocks of `length` seconds of `pieces`, which may have a part of the columns each.
     ///
     /// # Errors
     /// [`SolveError::OutOfBand`] if pieces of a block do not fit together.
-    pub fn blocks(
-        &self,
-        pieces: &[Equations],
-        length: f64,
-    ) -> Result<(Vec<(usize, f64)>, Vec<PackedContribution>), SolveError> {
+    pub fn blocks(&self, pieces: &[Equations], length: f64) -> Result<Blocks, SolveError> {
         let mut groups: BTreeMap<(usize, i64), Vec<&Equations>> = BTreeMap::new();
         for piece in pieces.iter().filter(|piece| piece.band.count() > 0) {
             groups.entry((piece.segment, (piece.t / length).floor() as i64)).or_default().push(piece);
@@ -369,7 +372,7 @@ impl Follows {
         };
         let contributions = groups.par_iter().map(contribution).collect::<Result<Vec<_>, _>>()?.concat();
         let times = groups.iter().map(|((segment, block), _)| (*segment, (*block as f64 + 0.5) * length)).collect();
-        Ok((times, contributions))
+        Ok(Blocks { times, contributions })
     }
 
     /// Returns the covariance of the control points of each segment when the global parameters in these `columns` have the

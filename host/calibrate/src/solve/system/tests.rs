@@ -100,7 +100,7 @@ fn contributions_add_up_to_the_schur_complement() {
     let follows = matrix.view((0, 0), (points, points)).into_owned().lu().solve(&border).unwrap();
     let wanted = matrix.view((points, points), (WIDTH, WIDTH)) - border.transpose() * follows;
     assert!((reduced.normal() - &wanted).norm() < 1e-6 * wanted.norm());
-    let (times, blocks) = reduced.into_follows().blocks(&pieces, 0.25).unwrap();
+    let Blocks { times, contributions: blocks } = reduced.into_follows().blocks(&pieces, 0.25).unwrap();
     assert_eq!((blocks.len(), times.len()), (4, 4));
     let sum = PackedContribution::sum(&blocks).unwrap();
     assert!((sum.information - &wanted).norm() < 1e-6 * wanted.norm());
