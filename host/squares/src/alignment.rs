@@ -20,6 +20,9 @@ const SMALL_MODULE: f64 = 3.2;
 /// Largest number of steps, and the step in pixels below which the position has converged.
 const STEPS: usize = 12;
 const REACHED: f64 = 0.01;
+/// After a step shorter than this, in pixels, the next steps use the same normal equations. The position at which the steps end does not
+/// depend on them.
+const SETTLED: f64 = 0.1;
 /// Largest motion of a corner, in pixels and in modules.
 const FARTHEST: f64 = 1.5;
 const FARTHEST_IN_MODULES: f64 = 0.5;
@@ -27,6 +30,8 @@ const FARTHEST_IN_MODULES: f64 = 0.5;
 /// Number of parameters of a homography, and number of all unknowns: these, gain and offset.
 const MAP: usize = 8;
 const UNKNOWNS: usize = MAP + 2;
+/// The same number, rounded up to whole vectors of a processor.
+const LANES: usize = 12;
 /// Relative increase of the diagonal of the normal equations, for parameters that the pattern hardly determines.
 const DAMPING: f64 = 1e-3;
 
@@ -92,15 +97,17 @@ impl Pattern<'_> {
         let covered: Vec<_> = positions.iter().map(covered).collect();
         let mut samples = Vec::with_capacity(positions.len().pow(2));
         for (v, rows) in positions.iter().zip(&covered) {
+            // The modules blurred along the columns, from the one before the first to the one after the last.
+            let of_column = |column: isize| rows.iter().map(|&(row, high)| high * light(row, column)).sum::<f64>();
+            let blurred: Vec<f64> = (-2..=side + 1).map(of_column).collect();
             for (u, columns) in positions.iter().zip(&covered) {
                 // The brightness beyond a corner depends on the board.
                 if at_border(*u) && at_border(*v) {
                     continue;
                 }
-                let of_row = |&(row, high): &(isize, f64)| {
-                    columns.iter().map(|&(column, wide)| high * wide * light(row, column)).sum::<f64>()
-                };
-                samples.push(Sample { place: Vector2::new(*u, *v), brightness: rows.iter().map(of_row).sum() });
+                let of_module =
+                    |&(column, wide): &(isize, f64)| wide * blurred.get((column + 2) as usize).copied().unwrap_or(1.0);
+                samples.push(Sample { place: Vector2::new(*u, *v), brightness: columns.iter().map(of_module).sum() });
             }
         }
         samples
@@ -167,8 +174,11 @@ pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<
     let mut map = SquareMap::new(&start).matrix() * Matrix3::new(0.5, 0.0, 0.5, 0.0, 0.5, 0.5, 0.0, 0.0, 1.0);
     let begin = corners(&map);
     let mut last = begin;
+    let mut factor = None;
+    let mut moved = f64::INFINITY;
     for _ in 0..STEPS {
-        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+        let is_exact = moved > SETTLED;
+        let mut products = [[0.0_f32; LANES]; UNKNOWNS];
         let mut right = SVector::<f64, UNKNOWNS>::zeros();
         for Sample { place, brightness } in &samples {
             let image = map * place.push(1.0);
@@ -182,13 +192,19 @@ pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<
             let (s, t, u, v) = (slope(0), slope(1), place.x, place.y);
             let bend = s * u + t * v;
             let line = SVector::from([s, s * u, s * v, t, t * u, t * v, bend * u, bend * v, -brightness, -1.0]);
-            normal.ger(1.0, &line, &line, 1.0);
             right.axpy(-value, &line, 1.0);
+            if is_exact {
+                add_products(&mut products, &line);
+            }
         }
-        for unknown in 0..MAP {
-            normal[(unknown, unknown)] *= 1.0 + DAMPING;
+        if is_exact {
+            let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|row, column| products[row][column].into());
+            for unknown in 0..MAP {
+                normal[(unknown, unknown)] *= 1.0 + DAMPING;
+            }
+            factor = Some(normal.cholesky()?);
         }
-        let step = normal.cholesky()?.solve(&right);
+        let step = factor.as_ref()?.solve(&right);
         // A negative gain means that dark and light are exchanged.
         if step[MAP].is_nan() || step[MAP] <= 0.0 {
             return None;
@@ -199,12 +215,23 @@ pub(crate) fn align(slopes: &Slopes, pattern: &Pattern, start: &Quad) -> Option<
         if far.is_nan() || far > FARTHEST + FARTHEST_IN_MODULES * module {
             return None;
         }
-        if farthest(&last, &now) < REACHED {
+        moved = farthest(&last, &now);
+        if moved < REACHED {
             break;
         }
         last = now;
     }
     Some(corners(&map).map(|corner| [corner.x as f32, corner.y as f32]))
+}
+
+/// Adds the products of all pairs of values of a line.
+fn add_products(products: &mut [[f32; LANES]; UNKNOWNS], line: &SVector<f64, UNKNOWNS>) {
+    let line: [f32; LANES] = std::array::from_fn(|index| line.get(index).map_or(0.0, |value| *value as f32));
+    for (sums, value) in products.iter_mut().zip(line) {
+        for (sum, other) in sums.iter_mut().zip(line) {
+            *sum += value * other;
+        }
+    }
 }
 
 /// Returns the images of the corners of a tag, whose sides extend from −1 to 1.

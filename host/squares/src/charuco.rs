@@ -23,7 +23,11 @@ pub fn find_corners(
     tags: &[FoundTag],
     corners: &[Vector2<f64>],
 ) -> Vec<FoundPoint> {
-    let test = SaddleTest::new(picture);
+    let (low, high) = finder.region(picture, tags);
+    let (part, first) = picture.part(low, high);
+    let first = first.map(|place| place as f32);
+    let in_part = |[x, y]: [f32; 2]| [x - first[0], y - first[1]];
+    let test = SaddleTest::new(&part);
     let find = |(index, corner): (usize, &Vector2<f64>)| {
         let near = finder.nearest(tags, *corner)?;
         let map = finder.map_of(&near)?;
@@ -34,9 +38,11 @@ pub fn find_corners(
         let nearest = tag.corners.map(|corner| distance(corner.into())).into_iter().fold(f32::INFINITY, f32::min);
         let margin = nearest / std::f32::consts::SQRT_2;
         let half = (WINDOW * margin).clamp(WINDOWS[0], WINDOWS[1]).round() as usize;
-        let pixel = refine_saddle(picture, predicted, half)?.pixel;
+        let pixel = refine_saddle(&part, in_part(predicted), half)?.pixel;
+        let is_saddle = test.is_saddle(pixel);
+        let pixel = [pixel[0] + first[0], pixel[1] + first[1]];
         let moved = (Vector2::from(pixel) - Vector2::from(predicted)).norm();
-        (moved <= (FARTHEST * margin).max(1.0) && test.is_saddle(pixel)).then_some(FoundPoint { index, pixel })
+        (moved <= (FARTHEST * margin).max(1.0) && is_saddle).then_some(FoundPoint { index, pixel })
     };
     corners.iter().enumerate().filter_map(find).collect()
 }

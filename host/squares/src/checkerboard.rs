@@ -213,8 +213,7 @@ fn ordered(
     expected: Option<&[Option<[f32; 2]>]>,
     workspace: &mut GridWorkspace<f64, CAPACITY>,
 ) -> Result<Vec<(usize, Saddle)>, NoCheckerboard> {
-    let mut saddles = find_saddles(picture);
-    saddles.truncate(CAPACITY);
+    let saddles = find_saddles(picture, CAPACITY);
     let candidates = candidates_of(&saddles);
     let options = GridOptions::new(pattern, (picture.width() as f64, picture.height() as f64));
     let near = expected.and_then(|expected| {

@@ -97,6 +97,16 @@ impl Picture {
         Self::new(width, height, (0..width * height).map(pixel).collect())
     }
 
+    /// Returns the part of the picture from pixel `low` to pixel `high`, both included and moved into the picture; and the position of
+    /// its first pixel in the picture.
+    pub fn part(&self, low: [usize; 2], high: [usize; 2]) -> (Self, [usize; 2]) {
+        let last = [self.width - 1, self.height - 1];
+        let [x, y] = [0, 1].map(|axis| low[axis].min(last[axis]));
+        let [right, bottom] = [high[0].clamp(x, last[0]), high[1].clamp(y, last[1])];
+        let values = (y..=bottom).flat_map(|row| &self.row(row)[x..=right]).copied().collect();
+        (Self { width: right - x + 1, height: bottom - y + 1, values }, [x, y])
+    }
+
     /// Returns the picture with left and right exchanged.
     pub fn mirrored(&self) -> Self {
         let values = self.values.chunks_exact(self.width).flat_map(|row| row.iter().rev()).copied().collect();

@@ -17,6 +17,9 @@ const LEAST_PICTURE: usize = 100;
 const SURROUNDINGS: [usize; 4] = [7, 13, 22, 36];
 /// A pixel is dark if it is darker than its surroundings by this fraction of the contrast.
 const DARKER: f32 = 0.03;
+/// The brightest pixel of a picture, after it was scaled for sums of integers; the darkest is 0. The sum over the largest surroundings
+/// has 27 bits.
+const MOST: f32 = 16_384.0;
 /// Smallest side of a quadrilateral in pixels of the picture.
 const LEAST_SIDE: f32 = 8.0;
 /// Smallest fraction of the quadrilateral that the hull of the region fills.
@@ -30,23 +33,35 @@ pub type Quad = [[f32; 2]; 4];
 
 /// Finds dark quadrilaterals; the same one may be found several times.
 pub fn find_quads(picture: &Picture) -> Vec<Quad> {
-    let mut quads = quads_at_scale(picture);
-    let mut scale = 1.0;
-    let mut smaller = picture.halved();
-    while let Some(picture) = smaller.filter(|picture| picture.width().min(picture.height()) >= LEAST_PICTURE) {
-        scale *= 2.0;
+    quads_by_scale(picture).flatten().collect()
+}
+
+/// Finds dark quadrilaterals, the largest ones first: in the picture at the smallest scale, then at twice this scale, and so on.
+pub(crate) fn quads_by_scale(picture: &Picture) -> impl Iterator<Item = Vec<Quad>> + '_ {
+    let is_large = |picture: &Picture| picture.width().min(picture.height()) >= LEAST_PICTURE;
+    let smaller = |picture: &Picture| picture.halved().filter(is_large);
+    let reduced: Vec<Picture> = std::iter::successors(smaller(picture), smaller).collect();
+    let count = reduced.len() + 1;
+    (0..count).rev().map(move |number| {
+        let scale = (1_usize << number) as f32;
         let large = |quad: Quad| quad.map(|corner| corner.map(|place| (place + 0.5) * scale - 0.5));
-        quads.extend(quads_at_scale(&picture).into_iter().map(large));
-        smaller = picture.halved();
-    }
-    quads
+        let at_scale = number.checked_sub(1).and_then(|number| reduced.get(number)).unwrap_or(picture);
+        quads_at_scale(at_scale).into_iter().map(large).collect()
+    })
 }
 
 /// Finds the quadrilaterals whose size matches the surroundings.
 fn quads_at_scale(picture: &Picture) -> Vec<Quad> {
     let large = picture.blurred(SMOOTHING).enlarged(ENLARGEMENT);
+    let darkest = large.values().iter().copied().fold(f32::INFINITY, f32::min);
+    let brightest = large.values().iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let scale = MOST / (brightest - darkest);
+    if !scale.is_finite() {
+        return Vec::new();
+    }
+    let darker = DARKER * scale * large.contrast();
+    let large = large.map(|value| scale * (value - darkest));
     let sums = sums(&large);
-    let darker = DARKER * large.contrast();
     let mut quads = Vec::new();
     for half in SURROUNDINGS {
         let dark = shrunk(&dark_pixels(&large, &sums, half, darker), large.width());
@@ -60,41 +75,43 @@ fn quads_at_scale(picture: &Picture) -> Vec<Quad> {
     quads
 }
 
-/// Returns the sums over the rectangles from the top left corner to each pixel; the first row and column are 0.
-fn sums(picture: &Picture) -> Vec<f64> {
+/// Returns the sums over the rectangles from the top left corner to each pixel, without their highest bits, which cancel in the sum
+/// over surroundings; the first row and column are 0.
+fn sums(picture: &Picture) -> Vec<i32> {
     let width = picture.width() + 1;
-    let mut sums = vec![0.0; width * (picture.height() + 1)];
+    let mut sums = vec![0_i32; width * (picture.height() + 1)];
     for (y, row) in picture.values().chunks_exact(picture.width()).enumerate() {
         let (above, below) = sums.split_at_mut((y + 1) * width);
         let above = &above[y * width..];
-        let mut sum = 0.0;
+        let mut sum = 0_i32;
         for (x, value) in row.iter().enumerate() {
-            sum += f64::from(*value);
-            below[x + 1] = above[x + 1] + sum;
+            sum = sum.wrapping_add((*value + 0.5) as i32);
+            below[x + 1] = above[x + 1].wrapping_add(sum);
         }
     }
     sums
 }
 
 /// Returns 1 for each pixel that is darker by `darker` than the mean of its surroundings.
-fn dark_pixels(picture: &Picture, sums: &[f64], half: usize, darker: f32) -> Vec<u8> {
+fn dark_pixels(picture: &Picture, sums: &[i32], half: usize, darker: f32) -> Vec<u8> {
     let (width, height) = (picture.width(), picture.height());
     let mut dark = vec![0; width * height];
+    let wide = |x: usize| (x + half + 1).min(width) - x.saturating_sub(half);
+    let widths: Vec<f32> = (0..width).map(|x| 1.0 / wide(x) as f32).collect();
     // Zeros on the left and the last value on the right, so that the columns near the border need no special case.
-    let mut column_sums = vec![0.0; width + 1 + 2 * half];
+    let mut column_sums = vec![0_i32; width + 1 + 2 * half];
     for (y, (row, out)) in picture.values().chunks_exact(width).zip(dark.chunks_exact_mut(width)).enumerate() {
         let (top, bottom) = (y.saturating_sub(half), (y + half + 1).min(height));
         let (above, below) = (&sums[top * (width + 1)..][..=width], &sums[bottom * (width + 1)..][..=width]);
         for (sum, (above, below)) in column_sums[half..].iter_mut().zip(above.iter().zip(below)) {
-            *sum = below - above;
+            *sum = below.wrapping_sub(*above);
         }
         let last = column_sums[half + width];
         column_sums[half + width + 1..].fill(last);
+        let high = 1.0 / (bottom - top) as f32;
         let ends = column_sums.iter().zip(&column_sums[2 * half + 1..]);
-        for (x, (out, (value, (left, right)))) in out.iter_mut().zip(row.iter().zip(ends)).enumerate() {
-            let wide = (x + half + 1).min(width) - x.saturating_sub(half);
-            let area = ((bottom - top) * wide) as f64;
-            *out = u8::from(f64::from(*value + darker) * area < right - left);
+        for ((out, value), ((left, right), wide)) in out.iter_mut().zip(row).zip(ends.zip(&widths)) {
+            *out = u8::from(*value + darker < right.wrapping_sub(*left) as f32 * (wide * high));
         }
     }
     dark
@@ -267,4 +284,34 @@ fn outset(quad: &Quad, by: f32) -> Option<Quad> {
         *corner = meeting(a, b, c, d)?;
     }
     Some(moved)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Dark squares on a plain board of which the rest of a large picture shows nothing but weak noise.
+    #[test]
+    fn small_squares_in_a_large_picture_are_found_at_their_places() {
+        let (width, height) = (640, 480);
+        let squares = [[100, 80], [140, 80], [100, 120]];
+        let value = |index: usize| {
+            let (x, y) = (index % width, index / width);
+            let is_dark = |[left, top]: &[usize; 2]| (*left..left + 20).contains(&x) && (*top..top + 20).contains(&y);
+            let noise = (index as u32).wrapping_mul(2_654_435_761) >> 24;
+            0.0002 * noise as f32 - if squares.iter().any(is_dark) { 6.0 } else { 0.0 }
+        };
+        let picture = Picture::new(width, height, (0..width * height).map(value).collect()).unwrap();
+        let quads = find_quads(&picture);
+        for [left, top] in squares {
+            let middle = [left as f32 + 9.5, top as f32 + 9.5];
+            let is_near = |quad: &Quad| {
+                [0, 1]
+                    .iter()
+                    .all(|&axis| (quad.iter().map(|corner| corner[axis]).sum::<f32>() / 4.0 - middle[axis]).abs() < 1.0)
+            };
+            assert!(quads.iter().any(is_near), "{left} {top}");
+        }
+        assert_eq!(find_quads(&picture.map(|_| 1.0)), Vec::<Quad>::new());
+    }
 }

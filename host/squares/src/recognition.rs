@@ -91,13 +91,16 @@ struct SeenLattice<'a> {
 
 /// Recognises the board in the pictures of some moments; `None` if no board is found, or if it is ambiguous.
 pub fn recognise(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
+    recognise_corners(moments).or_else(|| recognise_tags(moments))
+}
+
+/// Recognises a board by the corners of its squares.
+fn recognise_corners(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     let in_picture =
         |picture| corner_lattices(picture).into_iter().map(move |lattice| SeenLattice { picture, lattice });
     let lattices: Vec<Vec<SeenLattice>> =
         moments.par_iter().map(|pictures| pictures.iter().flat_map(in_picture).collect()).collect();
-    recognise_charuco(&lattices)
-        .or_else(|| recognise_checkerboard(moments, &lattices))
-        .or_else(|| recognise_tags(moments))
+    recognise_charuco(&lattices).or_else(|| recognise_checkerboard(moments, &lattices))
 }
 
 /// Returns the lattices of this size, without moments that have none.
@@ -141,24 +144,29 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
     // enough to find it.
     let sample: Vec<Vec<Prepared>> = moments.par_iter().step_by(FEWEST_MOMENTS).map(prepare).collect();
     let all: OnceCell<Vec<Vec<Prepared>>> = OnceCell::new();
-    FAMILIES.into_iter().find_map(|(family, count)| {
-        let scored = BORDERS.into_iter().filter_map(|border| {
-            let finder = TagFinder::new(&tags_of(family, count, border)).ok()?;
-            let score = sightings_of(&finder, &sample).iter().flatten().map(|tag| tag.found.score).sum::<f32>();
-            (score > 0.0).then_some((score, border, finder))
-        });
-        // With the wrong width of the border, fewer tags match, and their correlations are smaller.
-        let (_, border, finder) = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let sightings = sightings_of(&finder, all.get_or_init(|| moments.par_iter().map(prepare).collect()));
-        let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;
-        let (fitting, moments) = (sightings.len(), moments.len());
-        Some(RecognisedBoard { board, fitting, moments, has_unknown_markers: false })
+    // The first picture of a moment nearly always shows a board that the others show.
+    let first: Vec<&[Prepared]> = sample.iter().map(|pictures| pictures.get(..1).unwrap_or_default()).collect();
+    let whole: Vec<&[Prepared]> = sample.iter().map(Vec::as_slice).collect();
+    [first, whole].iter().find_map(|sample| {
+        FAMILIES.into_iter().find_map(|(family, count)| {
+            let scored = BORDERS.into_iter().filter_map(|border| {
+                let finder = TagFinder::new(&tags_of(family, count, border)).ok()?;
+                let score = sightings_of(&finder, sample).iter().flatten().map(|tag| tag.found.score).sum::<f32>();
+                (score > 0.0).then_some((score, border, finder))
+            });
+            // With the wrong width of the border, fewer tags match, and their correlations are smaller.
+            let (_, border, finder) = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
+            let sightings = sightings_of(&finder, all.get_or_init(|| moments.par_iter().map(prepare).collect()));
+            let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;
+            let (fitting, moments) = (sightings.len(), moments.len());
+            Some(RecognisedBoard { board, fitting, moments, has_unknown_markers: false })
+        })
     })
 }
 
 /// Returns the tags of each moment that shows at least [`FEWEST_TAGS`] of them.
-fn sightings_of(finder: &TagFinder, prepared: &[Vec<Prepared>]) -> Vec<Vec<SeenTag>> {
-    let seen = prepared.par_iter().map(|pictures| tags_in(finder, pictures));
+fn sightings_of<P: AsRef<[Prepared]> + Sync>(finder: &TagFinder, prepared: &[P]) -> Vec<Vec<SeenTag>> {
+    let seen = prepared.par_iter().map(|pictures| tags_in(finder, pictures.as_ref()));
     seen.filter(|tags| tags.len() >= FEWEST_TAGS).collect()
 }
 
@@ -175,25 +183,28 @@ fn tags_of(family: TagFamily, count: u16, border: u8) -> Vec<Tag> {
 
 /// Returns the tags in the pictures of one moment, each from the picture in which it correlates best.
 fn tags_in(finder: &TagFinder, pictures: &[Prepared]) -> Vec<SeenTag> {
-    let mut seen: BTreeMap<u16, SeenTag> = BTreeMap::new();
-    for Prepared { smooth, quads } in pictures {
-        let mut in_picture: Vec<FoundTag> = Vec::new();
-        for quad in quads {
-            // Most quadrilaterals are found several times, with surroundings of different sizes.
-            let is_known = in_picture.iter().any(|known| is_same_place(&known.corners, quad));
-            if !is_known && finder.has_border(smooth, quad) {
-                in_picture.extend(finder.recognised(smooth, quad));
-            }
-        }
-        for found in in_picture {
-            let Some(tag) = finder.tags().get(found.index) else { continue };
-            if seen.get(&tag.id).is_none_or(|known| known.found.score < found.score) {
-                let darkness = darkness_next_to_corners(smooth.picture(), &found, tag.side);
-                seen.insert(tag.id, SeenTag { id: tag.id, found, darkness });
-            }
+    let mut seen = BTreeMap::new();
+    pictures.iter().for_each(|picture| add_tags(finder, picture, &mut seen));
+    seen.into_values().collect()
+}
+
+/// Adds the tags of a picture that were not `seen`, or that correlate better in it.
+fn add_tags(finder: &TagFinder, Prepared { smooth, quads }: &Prepared, seen: &mut BTreeMap<u16, SeenTag>) {
+    let mut in_picture: Vec<FoundTag> = Vec::new();
+    for quad in quads {
+        // Most quadrilaterals are found several times, with surroundings of different sizes.
+        let is_known = in_picture.iter().any(|known| is_same_place(&known.corners, quad));
+        if !is_known && finder.has_border(smooth, quad) {
+            in_picture.extend(finder.recognised(smooth, quad));
         }
     }
-    seen.into_values().collect()
+    for found in in_picture {
+        let Some(tag) = finder.tags().get(found.index) else { continue };
+        if seen.get(&tag.id).is_none_or(|known| known.found.score < found.score) {
+            let darkness = darkness_next_to_corners(smooth.picture(), &found, tag.side);
+            seen.insert(tag.id, SeenTag { id: tag.id, found, darkness });
+        }
+    }
 }
 
 fn darkness_next_to_corners(picture: &Picture, tag: &FoundTag, side: usize) -> f32 {

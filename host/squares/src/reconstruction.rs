@@ -20,7 +20,7 @@ use crate::picture::Picture;
 const REACH: f64 = 3.0;
 /// Memory limit in bytes of the pictures that are computed at once, a block. (A picture also needs later events, so the
 /// events after a block are processed again in the next one. Large blocks make this rare.)
-const BLOCK_BYTES: usize = 64 << 20;
+const BLOCK_BYTES: usize = 128 << 20;
 /// Number of equal parts of an interval; all events in one part have the same weight.
 const SLOTS: u32 = 128;
 /// Largest ratio of the ON and OFF thresholds of a sensor.

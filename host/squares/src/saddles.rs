@@ -38,8 +38,8 @@ pub struct Saddle {
     pub strength: f32,
 }
 
-/// Finds the saddle points of a picture, the strongest first.
-pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
+/// Finds the saddle points of a picture, the strongest first, and at most this number of them.
+pub fn find_saddles(picture: &Picture, most: usize) -> Vec<Saddle> {
     let (width, height) = (picture.width(), picture.height());
     let test = SaddleTest::new(picture);
     let response = saddle_response(&test.smooth);
@@ -54,13 +54,16 @@ pub fn find_saddles(picture: &Picture) -> Vec<Saddle> {
             if value <= least || !is_greatest(&response, width, x, y) {
                 continue;
             }
-            let Some(found) = test.saddle(x as f32, y as f32) else { continue };
-            let Some(position) = refine_saddle(picture, found.pixel, WINDOW) else { continue };
-            saddles.push(Saddle { pixel: position.pixel, ..found });
+            saddles.extend(test.saddle(x as f32, y as f32));
         }
     }
     saddles.sort_by(|a, b| b.strength.total_cmp(&a.strength));
-    saddles
+    let refined = |found: Saddle| {
+        let position = refine_saddle(picture, found.pixel, WINDOW)?;
+        Some(Saddle { pixel: position.pixel, ..found })
+    };
+    // Noise has thousands of weak ones, whose positions are not needed.
+    saddles.into_iter().filter_map(refined).take(most).collect()
 }
 
 /// Test for saddles of a picture.

@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Vector2};
 
 use crate::alignment::{Pattern, Slopes, SquareMap, align};
 use crate::picture::Picture;
-use crate::quads::{Quad, find_quads};
+use crate::quads::{Quad, find_quads, quads_by_scale};
 use crate::saddles::{SaddleTest, refine_saddle};
 
 /// Standard deviation in pixels of the smoothing before tags are compared and aligned.
@@ -54,8 +54,12 @@ const NEIGHBOURHOOD: f64 = 1.6;
 const MOST_MISSING: usize = 1;
 /// Smallest correlation of a tag that is found alone.
 const LEAST_ALONE: f32 = 0.75;
-/// If this number of tags is found at expected positions, candidates are not searched.
+/// If this number of tags is found at expected positions, or among large candidates, other candidates are not searched.
 const ENOUGH: usize = 3;
+/// Greatest gain of correlation by the alignment of a tag whose position is known from another picture of the same moment.
+const ALIGNED: f32 = 0.005;
+/// Smallest margin in pixels around the board, if only the part of a picture with the board is examined.
+const LEAST_MARGIN_IN_PIXELS: f64 = 16.0;
 
 /// A tag of a board, found in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -160,6 +164,46 @@ impl Smooth {
     }
 }
 
+/// A part of a picture.
+struct Part {
+    picture: Picture,
+    smooth: Smooth,
+    /// Position of its first pixel in the whole picture.
+    first: [f32; 2],
+}
+
+impl Part {
+    /// Returns a tag of the whole picture in coordinates of the part.
+    fn of_picture(&self, tag: &FoundTag) -> FoundTag {
+        let [x, y] = self.first;
+        FoundTag { corners: tag.corners.map(|corner| [corner[0] - x, corner[1] - y]), ..*tag }
+    }
+
+    /// Returns a tag of the part in coordinates of the whole picture.
+    fn in_picture(&self, tag: &FoundTag) -> FoundTag {
+        let [x, y] = self.first;
+        FoundTag { corners: tag.corners.map(|corner| [corner[0] + x, corner[1] + y]), ..*tag }
+    }
+}
+
+/// A picture in which the board was not found.
+struct Failed {
+    /// Number of tags that match the board.
+    found: usize,
+    /// Number of positions next to them without the board's tag.
+    missing: usize,
+    quads: Vec<Quad>,
+    /// Width of the border of the tags, if the board has another one.
+    border: Option<usize>,
+}
+
+impl Failed {
+    /// Returns a number that is greater the more the picture looks like the board.
+    fn likeness(&self) -> (bool, usize, usize) {
+        (self.border.is_some(), self.found, self.quads.len())
+    }
+}
+
 /// A homography from the board to the picture.
 pub(crate) struct BoardMap(Matrix3<f64>);
 
@@ -235,42 +279,7 @@ impl TagFinder {
     /// # Errors
     /// Returns [`NoTags`] if no tag is found.
     pub fn find(&self, picture: &Picture, expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
-        let smooth = Smooth::new(picture);
-        let mut found = vec![None; self.tags.len()];
-        for tag in expected {
-            keep_better(&mut found, self.verified(&smooth, tag.index, &tag.corners));
-        }
-        self.leave_out_disagreeing(&mut found);
-        let (mut quads, mut disagreeing) = (Vec::new(), 0);
-        if found.iter().flatten().count() < ENOUGH.min(self.tags.len()) {
-            quads = find_quads(picture);
-            for quad in &quads {
-                // Most quadrilaterals are found several times, with surroundings of different sizes.
-                if !found.iter().flatten().any(|tag| is_same_place(&tag.corners, quad)) {
-                    keep_better(&mut found, self.recognised(&smooth, quad));
-                }
-            }
-            disagreeing = self.leave_out_disagreeing(&mut found);
-        }
-        let missing = self.grow(&smooth, &mut found);
-        let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
-        // On a board with other numbers of rows and columns, most tags are elsewhere.
-        let is_elsewhere = disagreeing >= ENOUGH && disagreeing > tags.len();
-        if !is_board(&tags, missing) || is_elsewhere {
-            return Err(match (self.mirrored(picture, &quads), tags.len(), quads.len()) {
-                (mirrored, found, _) if mirrored > found => NoTags::Mirrored { tags: mirrored },
-                (_, 0, quads) => match (self.inverted(picture), quads) {
-                    (0, 0) => NoTags::NoQuads,
-                    (0, quads) => NoTags::OtherTags { quads },
-                    (tags, _) => NoTags::Inverted { tags },
-                },
-                (_, found, _) => NoTags::OtherBoard { found, missing: missing.max(disagreeing) },
-            });
-        }
-        match self.best_border(&smooth.picture, &tags) {
-            border if border == self.border => Ok(self.sharpened(picture, tags)),
-            border => Err(NoTags::OtherBorder { border }),
-        }
+        self.search(picture, expected).map_err(|failed| self.explain(picture, &failed))
     }
 
     /// Finds the tags in several pictures of one moment, by increasing index; each tag is taken from the picture in
@@ -280,17 +289,156 @@ impl TagFinder {
     /// Returns [`NoTags`] if no picture has a tag, with the reason of the picture that looks most like the board.
     pub fn find_in_any(&self, pictures: &[Picture], expected: &[FoundTag]) -> Result<Vec<FoundTag>, NoTags> {
         let mut best = vec![None; self.tags.len()];
-        let mut reason = NoTags::NoQuads;
+        let mut failure: Option<(&Picture, Failed)> = None;
         for picture in pictures {
             let known: Vec<FoundTag> = best.iter().flatten().copied().collect();
-            match self.find(picture, if known.is_empty() { expected } else { &known }) {
+            if known.len() >= ENOUGH {
+                self.better(picture, &known).into_iter().for_each(|tag| keep_better(&mut best, Some(tag)));
+                continue;
+            }
+            match self.search(picture, if known.is_empty() { expected } else { &known }) {
                 Ok(found) => found.into_iter().for_each(|tag| keep_better(&mut best, Some(tag))),
-                Err(other) => reason = reason.max(other),
+                Err(failed) => {
+                    if failure.as_ref().is_none_or(|(_, other)| other.likeness() < failed.likeness()) {
+                        failure = Some((picture, failed));
+                    }
+                }
             }
         }
         self.leave_out_disagreeing(&mut best);
         let found: Vec<FoundTag> = best.into_iter().flatten().collect();
-        if found.is_empty() { Err(reason) } else { Ok(found) }
+        match failure {
+            _ if !found.is_empty() => Ok(found),
+            Some((picture, failed)) => Err(self.explain(picture, &failed)),
+            None => Err(NoTags::NoQuads),
+        }
+    }
+
+    /// Searches a picture, as [`find`](Self::find) does. If enough tags are at their expected positions, only the part with the board
+    /// is examined.
+    fn search(&self, picture: &Picture, expected: &[FoundTag]) -> Result<Vec<FoundTag>, Failed> {
+        let enough = ENOUGH.min(self.tags.len());
+        let mut found = vec![None; self.tags.len()];
+        if !expected.is_empty() {
+            let part = self.part(picture, expected);
+            for tag in expected {
+                keep_better(&mut found, self.verified(&part.smooth, tag.index, &part.of_picture(tag).corners));
+            }
+            self.leave_out_disagreeing(&mut found);
+            if found.iter().flatten().count() >= enough {
+                let tags = self.completed(&part.picture, &part.smooth, found, Vec::new(), 0)?;
+                return Ok(tags.iter().map(|tag| part.in_picture(tag)).collect());
+            }
+            found.iter_mut().flatten().for_each(|tag| *tag = part.in_picture(tag));
+        }
+        let smooth = Smooth::new(picture);
+        let (mut quads, mut disagreeing) = (Vec::new(), 0);
+        for of_scale in quads_by_scale(picture) {
+            for quad in &of_scale {
+                // Most quadrilaterals are found several times, with surroundings of different sizes.
+                if !found.iter().flatten().any(|tag| is_same_place(&tag.corners, quad)) {
+                    keep_better(&mut found, self.recognised(&smooth, quad));
+                }
+            }
+            disagreeing += self.leave_out_disagreeing(&mut found);
+            quads.extend(of_scale);
+            if found.iter().flatten().count() >= enough {
+                break;
+            }
+        }
+        self.completed(picture, &smooth, found, quads, disagreeing)
+    }
+
+    /// Adds the tags next to those found among the `quads` of a picture.
+    fn completed(
+        &self,
+        picture: &Picture,
+        smooth: &Smooth,
+        mut found: Vec<Option<FoundTag>>,
+        quads: Vec<Quad>,
+        disagreeing: usize,
+    ) -> Result<Vec<FoundTag>, Failed> {
+        let missing = self.grow(smooth, &mut found);
+        let tags: Vec<FoundTag> = found.into_iter().flatten().collect();
+        // On a board with other numbers of rows and columns, most tags are elsewhere.
+        let is_elsewhere = disagreeing >= ENOUGH && disagreeing > tags.len();
+        if !is_board(&tags, missing) || is_elsewhere {
+            return Err(Failed { found: tags.len(), missing: missing.max(disagreeing), quads, border: None });
+        }
+        match self.best_border(&smooth.picture, &tags) {
+            border if border == self.border => Ok(self.sharpened(picture, tags)),
+            border => Err(Failed { found: tags.len(), missing: 0, quads, border: Some(border) }),
+        }
+    }
+
+    /// Returns the reason why a search failed.
+    fn explain(&self, picture: &Picture, failed: &Failed) -> NoTags {
+        if let Some(border) = failed.border {
+            return NoTags::OtherBorder { border };
+        }
+        let (found, quads) = (failed.found, failed.quads.len());
+        match self.mirrored(picture, &failed.quads) {
+            tags if tags > found => NoTags::Mirrored { tags },
+            _ if found > 0 => NoTags::OtherBoard { found, missing: failed.missing },
+            _ => match (self.inverted(picture), quads) {
+                (0, 0) => NoTags::NoQuads,
+                (0, quads) => NoTags::OtherTags { quads },
+                (tags, _) => NoTags::Inverted { tags },
+            },
+        }
+    }
+
+    /// Returns those of the `known` tags, found in another picture of the same moment, that correlate better in this one, and the
+    /// tags next to them that the other picture does not show.
+    fn better(&self, picture: &Picture, known: &[FoundTag]) -> Vec<FoundTag> {
+        let part = self.part(picture, known);
+        let mut found = vec![None; self.tags.len()];
+        for tag in known.iter().map(|tag| part.of_picture(tag)) {
+            keep_better(&mut found, Some(tag));
+            let score = self.correlation(tag.index, &self.modules(&part.smooth.picture, &tag.corners));
+            if score + ALIGNED > tag.score {
+                keep_better(&mut found, self.verified(&part.smooth, tag.index, &tag.corners));
+            }
+        }
+        let changed = |found: &[Option<FoundTag>]| -> Vec<FoundTag> {
+            let is_known = |tag: &FoundTag| known.iter().any(|known| part.of_picture(known) == *tag);
+            found.iter().flatten().filter(|tag| !is_known(tag)).copied().collect()
+        };
+        if known.len() < self.tags.len() {
+            self.grow(&part.smooth, &mut found);
+        }
+        let tags = changed(&found);
+        if tags.is_empty() {
+            return tags;
+        }
+        self.sharpened(&part.picture, tags).iter().map(|tag| part.in_picture(tag)).collect()
+    }
+
+    /// Returns the part of a picture that contains the board whose `tags` are found, with a margin of a tag.
+    fn part(&self, picture: &Picture, tags: &[FoundTag]) -> Part {
+        let (low, high) = self.region(picture, tags);
+        let (picture, first) = picture.part(low, high);
+        Part { smooth: Smooth::new(&picture), picture, first: first.map(|place| place as f32) }
+    }
+
+    /// Returns the first and the last pixel of this part.
+    pub(crate) fn region(&self, picture: &Picture, tags: &[FoundTag]) -> ([usize; 2], [usize; 2]) {
+        let whole = ([0, 0], [picture.width() - 1, picture.height() - 1]);
+        let Some(map) = self.map_of(tags).filter(|_| tags.len() >= ENOUGH.min(self.tags.len())) else { return whole };
+        let margin = tags.iter().map(|tag| side_of(&tag.corners)).fold(LEAST_MARGIN_IN_PIXELS, f64::max);
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let printed = self.tags.iter().flat_map(|tag| tag.corners).map(|corner| map.image(corner.into()));
+        let seen = tags.iter().flat_map(|tag| tag.corners).map(|corner| Vector2::from(corner).cast());
+        for place in printed.chain(seen) {
+            if !(place.x.is_finite() && place.y.is_finite()) {
+                return whole;
+            }
+            for (axis, value) in [place.x, place.y].into_iter().enumerate() {
+                (low[axis], high[axis]) = (low[axis].min(value), high[axis].max(value));
+            }
+        }
+        // Casts saturate.
+        (low.map(|place| (place - margin).floor() as usize), high.map(|place| (place + margin).ceil() as usize))
     }
 
     /// Returns the tags with refined corners, if dark squares touch them, as on an AprilGrid. A corner is then a saddle

@@ -39,8 +39,7 @@ pub(crate) fn corner_lattices(picture: &Picture) -> Vec<CornerLattice> {
 
 /// Returns the lattice in a picture that was reduced by the factor `scale`.
 fn lattice_of(picture: &Picture, scale: f32, workspace: &mut GridWorkspace<f64, CAPACITY>) -> Option<CornerLattice> {
-    let mut saddles = find_saddles(picture);
-    saddles.truncate(CAPACITY);
+    let saddles = find_saddles(picture, CAPACITY);
     let options = GridOptions::new(&SMALLEST, (picture.width() as f64, picture.height() as f64));
     let mut sites = find_lattice(&candidates_of(&saddles), &options, workspace).ok()?.to_vec();
     trim(&mut sites);

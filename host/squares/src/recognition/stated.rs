@@ -13,12 +13,14 @@ use evcal_geometry::numerics::statistics::median;
 use nalgebra::Vector2;
 
 use super::grid::{DIAGONAL, FEWEST_PAIRS, NEIGHBOURS, Pair, TOLERANCE, board_of, pairs_of};
-use super::{BORDERS, FAMILIES, FEWEST_MOMENTS, FEWEST_TAGS, Prepared, SeenTag, tags_in, tags_of};
+use super::{BORDERS, FAMILIES, FEWEST_MOMENTS, FEWEST_TAGS, Prepared, SeenTag, add_tags, tags_of};
 use crate::picture::Picture;
 use crate::tags::{FoundTag, TagFinder};
 
 /// Number of moments in which a pair of tags must contradict the stated board; a single one may be a misread tag.
 const FEWEST_SIGHTINGS: usize = 2;
+/// If the first pictures of a moment show this number of tags, the others are not searched.
+const ENOUGH_TAGS: usize = 4 * FEWEST_TAGS;
 /// Number of different pairs that must contradict it.
 const FEWEST_CONTRADICTIONS: usize = 2;
 
@@ -69,16 +71,24 @@ impl StatedTags {
 
     /// Searches the pictures of the next moment.
     pub fn add(&mut self, pictures: &[Picture]) {
-        let prepared: Vec<Prepared> = pictures.iter().map(Prepared::new).collect();
-        // The other width is searched only if the pictures do not show tags of the stated one.
-        for ((border, finder), sightings) in self.finders.iter().zip(&mut self.sightings) {
-            let tags = tags_in(finder, &prepared);
-            let found: Vec<FoundTag> = tags.iter().map(|tag| tag.found).collect();
-            let seen = prepared.first().map(|picture| finder.best_border(picture.smooth.picture(), &found));
-            if tags.len() >= FEWEST_TAGS && seen == Some(usize::from(*border)) {
-                sightings.push(tags);
-                break;
+        // For each width of the border, the tags seen so far.
+        let mut all = vec![BTreeMap::new(); self.finders.len()];
+        let mut first = None;
+        for (number, picture) in pictures.iter().enumerate() {
+            let prepared = Prepared::new(picture);
+            // The first picture nearly always shows a board that the others show.
+            let enough = if number + 1 == pictures.len() { FEWEST_TAGS } else { ENOUGH_TAGS };
+            // The other width is searched only if the pictures do not show tags of the stated one.
+            for (((border, finder), sightings), seen) in self.finders.iter().zip(&mut self.sightings).zip(&mut all) {
+                add_tags(finder, &prepared, seen);
+                let found: Vec<FoundTag> = seen.values().map(|tag: &SeenTag| tag.found).collect();
+                let smooth = &first.as_ref().unwrap_or(&prepared).smooth;
+                if found.len() >= enough && finder.best_border(smooth.picture(), &found) == usize::from(*border) {
+                    sightings.push(std::mem::take(seen).into_values().collect());
+                    return;
+                }
             }
+            first.get_or_insert(prepared);
         }
     }
 
