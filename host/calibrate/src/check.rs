@@ -24,6 +24,7 @@ use crate::detection::radius::{OtherRadius, other_radius};
 use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{FoundContent, SearchFor, search_events};
 use crate::detection::settings::DetectionSettings;
+use crate::detection::stated_board::search_evenly;
 use crate::detection::still_views::search::{recognise_views, search_views};
 use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
 use crate::detection::{DetectionReport, LARGEST_SENSOR, NoPattern, NoPatternCause};
@@ -181,7 +182,7 @@ pub fn check(
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (pixels, slots) = count_events(&searched, sensor)?;
             (repeated, rounded, silent) = (pixels.repeated, pixels.rounded, pixels.silent);
-            let searched = SearchedRecording { parts: &searched, beginning: &beginning };
+            let searched = SearchedRecording { parts: &searched, whole: &read, duration: end, beginning: &beginning };
             Some(match search_still_views(&read, sensor, board, settings, pictures)? {
                 // Few views are enough, because the camera may have been carried between them.
                 Some(views) if views.at_rest >= LEAST_TIME || views.seen.found >= FEWEST_VIEWS as u64 => views.seen,
@@ -248,6 +249,10 @@ fn even_parts(
 struct SearchedRecording<'a> {
     /// Parts that are spread evenly over it.
     parts: &'a Recording,
+    /// All of it.
+    whole: &'a Recording,
+    /// Its duration (µs).
+    duration: i64,
     /// Its beginning.
     beginning: &'a Recording,
 }
@@ -270,17 +275,26 @@ fn slot(event: &Event) -> i64 {
 
 /// Searches for the board, or for circles.
 fn search_for_board(
-    SearchedRecording { parts, beginning }: SearchedRecording,
+    SearchedRecording { parts, whole, duration, beginning }: SearchedRecording,
     sensor: Sensor,
     slots_with_events: usize,
     board: Option<&Board>,
     settings: &DetectionSettings,
 ) -> Result<Seen, RecordingError> {
-    let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), SearchFor::from);
-    let found = search_events(parts, sensor, wanted, settings)?;
+    let (content, report) = match board {
+        Some(Board::Squares(board)) => {
+            let (frames, report) = search_evenly(board, whole, sensor, duration)?;
+            (FoundContent::Boards(board.lattice(), frames), report)
+        }
+        _ => {
+            let wanted = board.map_or(SearchFor::Circles(FEWEST_CIRCLES), SearchFor::from);
+            let found = search_events(parts, sensor, wanted, settings)?;
+            (found.content, found.report)
+        }
+    };
     let (mut centers, mut times): (Vec<[f64; 2]>, Vec<f64>) = (Vec::new(), Vec::new());
     let (mut edges, mut reversed) = (None, None);
-    match &found.content {
+    match &content {
         FoundContent::Boards(_, frames) => {
             centers
                 .extend(frames.iter().flat_map(|frame| &frame.circles).map(|circle| <[f64; 2]>::from(circle.center)));
@@ -297,12 +311,16 @@ fn search_for_board(
         FoundContent::Frames(_) => {}
     }
     let slots: BTreeSet<i64> = times.iter().map(|t| (t / SLOT).floor() as i64).collect();
+    let time_share = match board {
+        Some(Board::Squares(_)) => report.found as f64 / report.windows.max(1) as f64,
+        _ => slots.len() as f64 / slots_with_events.max(1) as f64,
+    };
     let failure = match board {
-        Some(board) if found.report.found == 0 => {
+        Some(board) if report.found == 0 => {
             let other = find_other_board(beginning, sensor, board, settings)?;
-            Some(BoardFailure::NoPattern(found.report.no_pattern(settings, other)))
+            Some(BoardFailure::NoPattern(report.no_pattern(settings, other)))
         }
-        Some(Board::Circles(board)) => match &found.content {
+        Some(Board::Circles(board)) => match &content {
             FoundContent::Boards(_, frames) => other_radius(frames, board).map(BoardFailure::OtherRadius),
             _ => None,
         },
@@ -316,9 +334,9 @@ fn search_for_board(
         is_at_rest: false,
         recognised,
         board: board.map(ToString::to_string),
-        found: found.report.found,
-        windows: found.report.windows + found.report.too_few_events,
-        time_share: (slots.len() as f64 / slots_with_events.max(1) as f64).min(1.0),
+        found: report.found,
+        windows: report.windows + report.too_few_events,
+        time_share: time_share.min(1.0),
         covered: covered(&centers, sensor),
         edges,
         exchanged: reversed,

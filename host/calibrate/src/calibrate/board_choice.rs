@@ -6,7 +6,7 @@ use crate::detection::other_board::OtherReading;
 use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;
-use crate::detection::stated_board::{OtherRatio, StatedBoard, compare};
+use crate::detection::stated_board::{OtherRatio, StatedBoard, compare, squares_instead_of};
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
 use evcal_geometry::board::squares::{CharucoLayout, TagGrid, TagOrder};
@@ -41,7 +41,7 @@ pub enum BoardChoiceError {
     #[error("the board is not {stated}: {found}")]
     Other {
         /// The stated board.
-        stated: SquareBoard,
+        stated: Board,
         /// The board in view.
         found: OtherReading,
     },
@@ -76,17 +76,30 @@ pub struct ConfirmedBoard {
     pub note: Option<String>,
 }
 
-/// Compares a stated board with some pictures of the first recording that shows it. Boards of circles are not compared. If
-/// the tags of the stated board are only numbered, rotated or bordered in another way, returns the board in view.
+/// Compares a stated board with some pictures of the first recording that shows it, a board of circles with some windows. If the tags of the stated board are only numbered, rotated or bordered in another way, returns the board in view.
 ///
 /// # Errors
 /// [`BoardChoiceError`] if the board in view is another one.
-pub fn confirm_board(board: &Board, recordings: &[&Recording]) -> Result<ConfirmedBoard, BoardChoiceError> {
+pub fn confirm_board(
+    board: &Board,
+    recordings: &[&Recording],
+    settings: &DetectionSettings,
+) -> Result<ConfirmedBoard, BoardChoiceError> {
     let kept = ConfirmedBoard { board: *board, note: None };
-    let Board::Squares(stated) = board else { return Ok(kept) };
     for recording in recordings {
         // A recording without a known sensor, or one that contains no events, is reported when it is calibrated.
         let Ok(sensor) = sensor_of(recording) else { continue };
+        let stated = match board {
+            Board::Squares(stated) => stated,
+            // Of several recordings, some may show nothing.
+            Board::Circles(stated) if recordings.len() == 1 => {
+                match squares_instead_of(stated, recording, sensor, settings) {
+                    Ok(Some(found)) => return Err(BoardChoiceError::Other { stated: *board, found }),
+                    _ => continue,
+                }
+            }
+            Board::Circles(_) => continue,
+        };
         let Ok(compared) = compare(recording, sensor, stated) else { continue };
         match compared {
             StatedBoard::Kept => {}
@@ -103,7 +116,7 @@ pub fn confirm_board(board: &Board, recordings: &[&Recording]) -> Result<Confirm
                 );
                 return Ok(ConfirmedBoard { board: Board::Squares(found), note: Some(note) });
             }
-            StatedBoard::Other(found) => return Err(BoardChoiceError::Other { stated: *stated, found }),
+            StatedBoard::Other(found) => return Err(BoardChoiceError::Other { stated: *board, found }),
         }
     }
     Ok(kept)

@@ -54,6 +54,9 @@ pub(super) struct Detected {
 /// Two recordings contain the same events if more than this share of the events of the smaller one is in both.
 const SAME: f64 = 0.02;
 
+/// A board is mirrored or inverted if more than one picture in this number shows that; a single one is misread now and then.
+const FEWEST_CHANGED: u64 = 10;
+
 /// Ratio of the number of sampled events to the largest number of events of the joint solve. About half of the events
 /// are on an edge of the board. If the board is seldom in view, the sample is not enough and the recordings are read
 /// again.
@@ -185,7 +188,7 @@ impl Detected {
         }
         let [inverted, mirrored] = [NoBoard::Inverted, NoBoard::MirroredPrint]
             .map(|reason| report.grids_refused.get(&reason).copied().unwrap_or(0));
-        if inverted.max(mirrored) > report.found {
+        if inverted.max(mirrored) > report.found.max(report.windows / FEWEST_CHANGED) {
             let (file, windows) = (recording.path().display().to_string(), report.windows);
             return Err(if inverted > mirrored {
                 CalibrateError::Inverted { file, inverted, windows }

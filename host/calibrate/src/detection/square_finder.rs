@@ -21,6 +21,35 @@ pub struct FoundBoard {
     tags: Vec<FoundTag>,
 }
 
+impl FoundBoard {
+    /// Returns the board after `times` the motion from `before` to this one. What `before` does not contain moves as the rest does on
+    /// average.
+    pub fn continued(&self, before: &Self, times: f32) -> Self {
+        let steps = |from: [f32; 2], to: [f32; 2]| [to[0] - from[0], to[1] - from[1]];
+        let of_point = |point: &FoundPoint| {
+            let place = before.points.binary_search_by_key(&point.index, |point| point.index).ok()?;
+            Some(steps(before.points.get(place)?.pixel, point.pixel))
+        };
+        let known: Vec<[f32; 2]> = self.points.iter().filter_map(of_point).collect();
+        let count = known.len().max(1) as f32;
+        let mean = known.iter().fold([0.0; 2], |sum, step| [sum[0] + step[0] / count, sum[1] + step[1] / count]);
+        let moved = |place: [f32; 2], step: [f32; 2]| [place[0] + times * step[0], place[1] + times * step[1]];
+        let of_tag = |tag: &FoundTag| {
+            let place = before.tags.binary_search_by_key(&tag.index, |tag| tag.index).ok();
+            let seen = place.and_then(|place| before.tags.get(place));
+            let mut corners = tag.corners;
+            for (number, corner) in corners.iter_mut().enumerate() {
+                let from = seen.and_then(|seen| seen.corners.get(number));
+                *corner = moved(*corner, from.map_or(mean, |from| steps(*from, *corner)));
+            }
+            FoundTag { corners, ..*tag }
+        };
+        let point =
+            |point: &FoundPoint| FoundPoint { pixel: moved(point.pixel, of_point(point).unwrap_or(mean)), ..*point };
+        Self { points: self.points.iter().map(point).collect(), tags: self.tags.iter().map(of_tag).collect() }
+    }
+}
+
 /// Finds the points of one board.
 pub struct SquareFinder {
     kind: Kind,
@@ -171,5 +200,30 @@ impl From<NoTags> for NoBoard {
             NoTags::OtherBoard { .. } => Self::OtherTags,
             _ => Self::NoTags,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_continues_its_motion() {
+        let point = |index, x, y| FoundPoint { index, pixel: [x, y] };
+        let tag = |index, x: f32| FoundTag {
+            index,
+            corners: [[x, 0.0], [x + 8.0, 0.0], [x + 8.0, 8.0], [x, 8.0]],
+            score: 0.9,
+        };
+        let before = FoundBoard { points: vec![point(0, 10.0, 5.0), point(2, 30.0, 5.0)], tags: vec![tag(1, 20.0)] };
+        let last = FoundBoard {
+            points: vec![point(0, 12.0, 5.0), point(1, 20.0, 5.0), point(2, 34.0, 6.0)],
+            tags: vec![tag(1, 23.0), tag(4, 50.0)],
+        };
+        let next = last.continued(&before, 0.5);
+        // The point in the middle moves as the others do on average.
+        assert_eq!(next.points, [point(0, 13.0, 5.0), point(1, 21.5, 5.25), point(2, 36.0, 6.5)]);
+        assert_eq!(next.tags[0], tag(1, 24.5));
+        assert_eq!(next.tags[1].corners[0], [51.5, 0.25]);
     }
 }

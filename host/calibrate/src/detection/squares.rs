@@ -19,12 +19,17 @@ use super::square_finder::{FoundBoard, SquareFinder};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 
-/// Number of moments that are searched together.
-const TOGETHER: usize = 16;
-/// Longest time over which the last position of the board predicts its position (s).
+/// Fewest moments that are searched together. Usually they are more, because pictures are computed in blocks.
+const TOGETHER: usize = 8;
+/// Longest time over which the last positions of the board predict its position (s).
 const LONGEST_PREDICTION: f64 = 0.05;
 /// Number of moments that one thread searches in turn.
-const IN_TURN: usize = 4;
+const IN_TURN: usize = 6;
+/// Time without the board (s) after which only one moment in [`PROBES`] is searched, until it shows the board again. A board that
+/// is in view for a shorter time is of no use.
+const LONGEST_ABSENCE: f64 = 1.0;
+/// Number of moments for each one that is searched while the board is not in view.
+const PROBES: usize = 8;
 
 /// A board and its time (s).
 #[derive(Clone)]
@@ -42,8 +47,10 @@ pub struct SquareStage {
     half_interval: f64,
     waiting: Vec<Moment>,
     frames: Vec<CompactFrame>,
-    /// Last detection and its time (s).
+    /// Last detection.
     last: Option<Seen>,
+    /// The detection before it.
+    before: Option<Seen>,
     report: DetectionReport,
     kept_pixels: KeptPixels,
 }
@@ -59,6 +66,7 @@ impl SquareStage {
             waiting: Vec::new(),
             frames: Vec::new(),
             last: None,
+            before: None,
             report: DetectionReport::default(),
             kept_pixels: KeptPixels::default(),
         }
@@ -72,6 +80,11 @@ impl SquareStage {
         if self.waiting.len() >= TOGETHER {
             self.search();
         }
+    }
+
+    /// Searches pictures that were made elsewhere, in time order.
+    pub fn search_moment(&mut self, moment: &Moment) {
+        self.search_all(std::slice::from_ref(moment));
     }
 
     /// Returns `true` if pictures wait for the search.
@@ -105,6 +118,24 @@ impl SquareStage {
 
     fn search(&mut self) {
         let moments = std::mem::take(&mut self.waiting);
+        if moments.is_empty() {
+            return;
+        }
+        let begin = moments.first().map_or(0.0, seconds);
+        if self.last.as_ref().is_none_or(|seen| begin - seen.t > LONGEST_ABSENCE) {
+            let probes: Vec<&Moment> = moments.iter().step_by(PROBES).collect();
+            let probed = probes.par_iter().map(|moment| self.finder.find(&moment.pictures, None).err());
+            let refused: Vec<Option<NoBoard>> = probed.collect();
+            if refused.iter().all(Option::is_some) {
+                self.report.windows += refused.len() as u64;
+                refused.into_iter().flatten().for_each(|reason| self.refuse(reason));
+                return;
+            }
+        }
+        self.search_all(&moments);
+    }
+
+    fn search_all(&mut self, moments: &[Moment]) {
         let found: Vec<Result<FoundBoard, NoBoard>> =
             moments.par_chunks(IN_TURN).flat_map_iter(|moments| self.search_in_turn(moments)).collect();
         for (moment, found) in moments.iter().zip(found) {
@@ -115,23 +146,27 @@ impl SquareStage {
                     self.report.found += 1;
                     self.report.board_circles += board.points.len() as u64;
                     self.frames.push(self.frame(t, &board, moment).into());
-                    self.last = Some(Seen { t, board });
+                    self.before = self.last.replace(Seen { t, board });
                 }
-                Err(reason) => *self.report.grids_refused.entry(reason).or_default() += 1,
+                Err(reason) => self.refuse(reason),
             }
         }
         self.kept_pixels.limit(&mut self.frames);
     }
 
-    /// Searches each of `moments`, near the board's position in the previous one.
+    fn refuse(&mut self, reason: NoBoard) {
+        *self.report.grids_refused.entry(reason).or_default() += 1;
+    }
+
+    /// Searches each of `moments`, near the board's expected position.
     fn search_in_turn(&self, moments: &[Moment]) -> Vec<Result<FoundBoard, NoBoard>> {
-        let mut last = self.last.clone();
+        let (mut last, mut before) = (self.last.clone(), self.before.clone());
         let mut search = |moment: &Moment| {
             let t = seconds(moment);
-            let near = last.as_ref().filter(|seen| t - seen.t < LONGEST_PREDICTION);
-            let found = self.finder.find(&moment.pictures, near.map(|seen| &seen.board));
+            let near = last.as_ref().and_then(|last| expected(last, before.as_ref(), t));
+            let found = self.finder.find(&moment.pictures, near.as_ref());
             if let Ok(board) = &found {
-                last = Some(Seen { t, board: board.clone() });
+                before = last.replace(Seen { t, board: board.clone() });
             }
             found
         };
@@ -156,6 +191,16 @@ impl SquareStage {
     }
 }
 
+/// Returns the board at the time `t`, if it continues its motion since the detection `before`; `None` if the last one is too long ago.
+fn expected(last: &Seen, before: Option<&Seen>, t: f64) -> Option<FoundBoard> {
+    if t - last.t >= LONGEST_PREDICTION {
+        return None;
+    }
+    let before = before.filter(|before| (0.0..LONGEST_PREDICTION).contains(&(last.t - before.t)) && before.t < last.t);
+    let moved = before.map(|before| last.board.continued(&before.board, ((t - last.t) / (last.t - before.t)) as f32));
+    Some(moved.unwrap_or_else(|| last.board.clone()))
+}
+
 /// Returns the picture for display: the one of the middle time constant, without its darkest and brightest pixels.
 fn grey(moment: &Moment) -> Option<GreyImage> {
     let picture = moment.pictures.get(moment.pictures.len() / 2)?;
@@ -177,6 +222,7 @@ fn seconds(moment: &Moment) -> f64 {
 #[cfg(test)]
 mod tests {
     use evcal_core::sensor::Sensor;
+    use evcal_squares::picture::Picture;
 
     use super::*;
 
@@ -205,5 +251,31 @@ mod tests {
         }
         // A picture in which nothing is found does not contradict.
         assert_eq!(found_after(NoBoard::TooFewCorners, 9), (2, 2));
+    }
+
+    /// Noise is searched at one moment in several; a board that is in view is not.
+    #[test]
+    fn few_moments_are_searched_until_the_board_is_in_view() {
+        let board = "checkerboard:3x4:30mm".parse().unwrap();
+        let mut stage = SquareStage::new(&board, ReconstructionOptions::new(Sensor::new(64, 48)), 0);
+        let picture = |shows_board: bool| {
+            let value = |index: usize| {
+                let (column, row) = ((index % 64 + 2) / 10, (index / 64 + 6) / 10);
+                let is_inside = (1..6).contains(&column) && (1..5).contains(&row);
+                if shows_board && is_inside && (column + row) % 2 == 0 { 0.0 } else { 1.0 }
+            };
+            Picture::new(64, 48, (0..64 * 48).map(value).collect()).unwrap()
+        };
+        let mut waiting = |moments: std::ops::Range<i64>, shows_board: bool| {
+            let moment = |number| Moment { t: 20_000 * number, pictures: vec![picture(shows_board)] };
+            stage.waiting = moments.map(moment).collect();
+            stage.search();
+            (stage.report.windows, stage.report.found)
+        };
+        assert_eq!(waiting(0..40, false), (5, 0));
+        assert_eq!(waiting(40..56, true), (21, 16));
+        // Not in view for a short time, then for longer.
+        assert_eq!(waiting(56..96, false), (61, 16));
+        assert_eq!(waiting(120..136, false), (63, 16));
     }
 }

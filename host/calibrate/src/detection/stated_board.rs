@@ -1,4 +1,4 @@
-//! Comparison of a stated board of squares with some pictures, before the whole recording is searched for it.
+//! Comparison of a stated board with some pictures or windows, before the whole recording is searched for it.
 //!
 //! The pictures are spread over the beginning of the recording, ever farther apart. They end as soon as they show the stated board.
 
@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::squares::{Charuco, TagGrid};
-use evcal_geometry::board::{Board, SquareBoard};
+use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 use evcal_squares::picture::Picture;
 use evcal_squares::recognition::recognise;
 use evcal_squares::recognition::stated::{Comparison, StatedTags};
@@ -16,13 +16,21 @@ use event_recordings::pass::read_while;
 use event_recordings::{Recording, RecordingError};
 
 use super::other_board::{OtherReading, other_squares};
-use super::recognised::in_lengths_of;
+use super::recognised::{Recognised, find_squares, in_lengths_of};
+use super::settings::DetectionSettings;
 use super::square_finder::SquareFinder;
+use super::squares::SquareStage;
+use super::{DetectionReport, DetectionStage};
+use crate::circles::reference_frame::ReferenceFrame;
 
 /// Time of the events of one picture (µs). The picture is at its middle.
 const WINDOW: i64 = 400_000;
 /// The windows from which pictures are made, counted from the beginning.
 const WINDOWS: [i64; 12] = [0, 1, 2, 3, 4, 6, 9, 13, 20, 30, 45, 68];
+/// Number of windows in which a board of squares is counted, spread evenly over a recording.
+const EVEN_WINDOWS: i64 = 24;
+/// Time of the events of a window in which a board of circles is searched (µs).
+const CIRCLES: i64 = 100_000;
 /// Fewest pictures for a decision.
 const FEWEST: usize = 3;
 /// Number of pictures that must show the board if its tags are too small to be read one by one.
@@ -73,7 +81,7 @@ pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> R
     let mut tags = StatedTags::new(stated);
     let (mut moments, mut found) = (Vec::new(), 0);
     let mut clear = None;
-    visit(recording, sensor, |pictures| {
+    visit(recording, sensor, WINDOWS.map(|window| window * WINDOW), |Moment { pictures, .. }| {
         match &mut tags {
             Some(tags) => {
                 tags.add(&pictures);
@@ -92,7 +100,7 @@ pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> R
         Comparison::Other(other) => of_other(other, stated, moments.len()),
         Comparison::Unclear if found > 0 => StatedBoard::Kept,
         Comparison::Unclear => {
-            let is_found = |pictures: &&Vec<Picture>| finder.find(pictures, None).is_ok();
+            let is_found = |pictures: &&Vec<Picture>| finder.find(pictures.get(..1).unwrap_or_default(), None).is_ok();
             if tags.is_some() && moments.iter().filter(is_found).count() >= FEWEST_FOUND {
                 return Ok(StatedBoard::Kept);
             }
@@ -161,33 +169,95 @@ fn is_variant(board: &SquareBoard, stated: &SquareBoard) -> bool {
     }
 }
 
-/// Makes a picture of each of the [`WINDOWS`], and passes its pictures to `each` until it returns `Break`.
+/// Searches a stated board of circles in the beginning of each of the [`WINDOWS`]. Returns the board of squares that the recording shows
+/// instead; `None` if the stated board is found, or if no board of squares is recognised.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub fn squares_instead_of(
+    stated: &CircleBoard,
+    recording: &Recording,
+    sensor: Sensor,
+    settings: &DetectionSettings,
+) -> Result<Option<OtherReading>, RecordingError> {
+    let stage = || DetectionStage::for_board(settings, sensor, stated.pattern, 0);
+    let (mut search, mut is_found) = (stage(), false);
+    read_windows(recording, WINDOWS.map(|window| window * WINDOW), CIRCLES, |events| {
+        match events {
+            Some(events) => search.push(events),
+            None => is_found |= std::mem::replace(&mut search, stage()).into_frames().1.found > 0,
+        }
+        if is_found { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    if is_found {
+        return Ok(None);
+    }
+    Ok(find_squares(recording, sensor)?.map(|found| OtherReading::Kind(Recognised::Squares(found))))
+}
+
+/// Searches a board of squares in pictures that are spread evenly over the first `duration` µs of a recording.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub fn search_evenly(
+    board: &SquareBoard,
+    recording: &Recording,
+    sensor: Sensor,
+    duration: i64,
+) -> Result<(Vec<ReferenceFrame>, DetectionReport), RecordingError> {
+    let mut stage = SquareStage::new(board, ReconstructionOptions::new(sensor), 0);
+    let step = ((duration - WINDOW) / (EVEN_WINDOWS - 1)).max(WINDOW);
+    visit(recording, sensor, (0..EVEN_WINDOWS).map(|number| number * step), |moment| {
+        stage.search_moment(&moment);
+        ControlFlow::Continue(())
+    })?;
+    let (frames, report) = stage.finish();
+    Ok((frames.into_iter().map(ReferenceFrame::from).collect(), report))
+}
+
+/// Makes a picture of each of the windows with these starts (µs), and passes it to `each` until it returns `Break`.
 fn visit(
     recording: &Recording,
     sensor: Sensor,
-    mut each: impl FnMut(Vec<Picture>) -> ControlFlow<()>,
+    starts: impl IntoIterator<Item = i64>,
+    mut each: impl FnMut(Moment) -> ControlFlow<()>,
 ) -> Result<(), RecordingError> {
     let options = ReconstructionOptions { interval: (WINDOW / 2) as u32, ..ReconstructionOptions::new(sensor) };
     let mut reconstruction = Reconstruction::new(options);
-    let mut windows = WINDOWS.iter().copied().peekable();
-    let mut take = |reconstruction: &mut Reconstruction, first: &mut Option<Moment>| {
-        reconstruction.finish(|moment| _ = first.get_or_insert(moment));
-        first.take().map_or(ControlFlow::Continue(()), |moment| each(moment.pictures))
-    };
     let mut first: Option<Moment> = None;
-    let mut flow = ControlFlow::Continue(());
+    read_windows(recording, starts, WINDOW, |events| {
+        let Some(events) = events else {
+            reconstruction.finish(|moment| _ = first.get_or_insert(moment));
+            return first.take().map_or(ControlFlow::Continue(()), &mut each);
+        };
+        reconstruction.push(events, |moment| _ = first.get_or_insert(moment));
+        ControlFlow::Continue(())
+    })
+}
+
+/// Passes the events of the windows with these starts and this `length` (µs) to `each`, and `None` at the end of a window, until it
+/// returns `Break`.
+fn read_windows(
+    recording: &Recording,
+    starts: impl IntoIterator<Item = i64>,
+    length: i64,
+    mut each: impl FnMut(Option<&[Event]>) -> ControlFlow<()>,
+) -> Result<(), RecordingError> {
+    let mut windows = starts.into_iter().peekable();
+    let (mut flow, mut is_open) = (ControlFlow::Continue(()), false);
     read_while(recording, &mut |batch| {
         let mut events = batch.events;
-        while let Some(window) = windows.peek() {
-            let (start, end) = (window * WINDOW, (window + 1) * WINDOW);
+        while let Some(start) = windows.peek() {
             let place = |events: &[Event], t: i64| events.iter().position(|event| event.t >= t).unwrap_or(events.len());
-            let (_, later) = events.split_at(place(events, start));
-            let (inside, after) = later.split_at(place(later, end));
-            reconstruction.push(inside, |moment| _ = first.get_or_insert(moment));
-            if after.is_empty() {
-                return ControlFlow::Continue(());
+            let (_, later) = events.split_at(place(events, *start));
+            let (inside, after) = later.split_at(place(later, start + length));
+            flow = if inside.is_empty() { ControlFlow::Continue(()) } else { each(Some(inside)) };
+            is_open |= !inside.is_empty();
+            if after.is_empty() || flow.is_break() {
+                return flow;
             }
-            flow = take(&mut reconstruction, &mut first);
+            flow = if is_open { each(None) } else { ControlFlow::Continue(()) };
+            is_open = false;
             if flow.is_break() {
                 return flow;
             }
@@ -196,8 +266,8 @@ fn visit(
         }
         ControlFlow::Break(())
     })?;
-    if flow.is_continue() {
-        let _ = take(&mut reconstruction, &mut first);
+    if flow.is_continue() && is_open {
+        let _ = each(None);
     }
     Ok(())
 }

@@ -238,7 +238,7 @@ impl MethodArguments {
         let board = board_in(&self.board, files, options, settings)?;
         let BoardRequest::Given(board) = self.board else { return Ok(board) };
         let recordings = recordings_in(files, options)?;
-        let confirmed = confirm_board(&board, &recordings.iter().collect::<Vec<_>>())?;
+        let confirmed = confirm_board(&board, &recordings.iter().collect::<Vec<_>>(), settings)?;
         if let Some(note) = confirmed.note {
             print::aside(note);
         }
