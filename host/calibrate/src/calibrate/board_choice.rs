@@ -76,7 +76,8 @@ pub struct ConfirmedBoard {
     pub note: Option<String>,
 }
 
-/// Compares a stated board with some pictures of the first recording that shows it, a board of circles with some windows. If the tags of the stated board are only numbered, rotated or bordered in another way, returns the board in view.
+/// Compares a stated board with some pictures of the first recording that shows it, a board of circles with some windows. If the tags of
+/// the stated board are only numbered, rotated or bordered in another way, returns the board in view.
 ///
 /// # Errors
 /// [`BoardChoiceError`] if the board in view is another one.
