@@ -14,7 +14,7 @@ use crate::calibrate::input::Input;
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
 use crate::detection::pictures::tag_corners::TagCorners;
-use crate::initial::model_choice::{ModelChoice, ModelRequest};
+use crate::initial::model_choice::{ModelChoice, ModelRequest, USUAL};
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureSource, calibrate_pictures,
@@ -296,11 +296,16 @@ pub(super) fn calibrate_seen(
 ) -> Result<Calibrated, CalibrateError> {
     let starts = seen.starts.clone();
     let choose = |frames: &[ReferenceFrame]| -> Result<(ModelKind, Option<ModelChoice>), CalibrateError> {
-        if let ModelRequest::Given(model) = task.model() {
+        let request = task.model();
+        if let ModelRequest::Given(model) = request {
             return Ok((model, None));
         }
-        let FirstModel { initial, choice } = model_of(task, frames, sensor, source, progress)?;
-        Ok((initial.camera.kind(), choice))
+        match model_of(task, frames, sensor, source, progress) {
+            Ok(FirstModel { initial, choice }) => Ok((initial.camera.kind(), choice)),
+            // The calibration fails too, and its error describes the pictures.
+            Err(CalibrateError::Initial(_)) if request == ModelRequest::Usual => Ok((USUAL, None)),
+            Err(error) => Err(error),
+        }
     };
     let calibrate_with = |seen: SeenPictures, model: ModelKind| {
         picture_calibration(task, seen, source, sensor, model, progress)?.ok_or_else(|| no_pictures(task))?.map_err(

@@ -165,7 +165,7 @@ fn least_cost(
         let state = after(joint.problem, &estimate.state, &columns(joint), step)?;
         Some(Estimate { state, parameters: estimate.parameters.moved(&step.globals), noise: estimate.noise })
     };
-    minimise(&OF_MOUNTED, (estimate, start), stepped, again, &mut |_| ControlFlow::Continue(()))
+    minimise(&OF_MOUNTED, estimate, start, stepped, again, &mut |_| ControlFlow::Continue(()))
 }
 
 /// Returns the columns of the events' camera, which follow those of the IMU.

@@ -79,7 +79,7 @@ pub fn solve(joint: &Joint, estimate: Estimate) -> Result<Solved, SecondCameraEr
     let again = |_, estimate: &Estimate, _: (&System, &Step)| linearise(joint, estimate);
     let stepped = |estimate: &Estimate, step: &Step| stepped(joint, estimate, step);
     let levenberg::Solved { estimate, mut system, .. } =
-        minimise(&OF_MOUNTED, (estimate, start), stepped, again, &mut |_| ControlFlow::Continue(()))?;
+        minimise(&OF_MOUNTED, estimate, start, stepped, again, &mut |_| ControlFlow::Continue(()))?;
     let pieces = std::mem::take(&mut system.pieces);
     let reduced = system.into_reduced()?;
     let formal = reduced.whole_covariance()?;

@@ -79,7 +79,7 @@ pub struct Solved<E> {
     pub damping: f64,
 }
 
-/// Minimises a cost by Levenberg-Marquardt, from an `estimate` and its equations. `moved` returns the estimate after a step; `None` if
+/// Minimises a cost by Levenberg-Marquardt, from an `estimate` and its equations `system`. `moved` returns the estimate after a step; `None` if
 /// the step is impossible. `linearised` gets the number of the iteration, an estimate, the equations before it and the step that led
 /// there; it returns the equations at the estimate. After each iteration but the last, `on_progress` gets the progress from 0 to 1 and
 /// may end the minimisation; the result is then the estimate reached so far.
@@ -88,7 +88,8 @@ pub struct Solved<E> {
 /// Errors of `linearised`, and [`SolveError::Singular`] if the equations do not determine a step.
 pub fn minimise<E>(
     schedule: &Schedule,
-    (mut estimate, mut system): (E, System),
+    mut estimate: E,
+    mut system: System,
     moved: impl Fn(&E, &Step) -> Option<E>,
     mut linearised: impl FnMut(usize, &E, (&System, &Step)) -> Result<System, SolveError>,
     on_progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
@@ -185,7 +186,7 @@ pub fn solve_with_progress(
     }
     let stepped = |state: &State, step: &Step| moved(state, &step.segments, &columns.globals(&step.globals), &observed);
     let linearised = |_, state: &State, _: (&System, &Step)| assemble(problem, state, &ranges, &columns);
-    minimise(&schedule, (state, system), stepped, linearised, on_progress)
+    minimise(&schedule, state, system, stepped, linearised, on_progress)
 }
 
 /// Returns the progress of a solve, 0 to 1, when an iteration lowered the cost by the share `decrease`. The decreases get smaller
