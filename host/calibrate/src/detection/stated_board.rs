@@ -169,8 +169,8 @@ fn is_variant(board: &SquareBoard, stated: &SquareBoard) -> bool {
     }
 }
 
-/// Searches a stated board of circles in the beginning of each of the [`WINDOWS`]. Returns the board of squares that the recording shows
-/// instead; `None` if the stated board is found, or if no board of squares is recognised.
+/// Searches a stated board of circles in windows that are spread over the beginning of the recording. Returns the board of squares that
+/// the recording shows instead; `None` if the stated board is found, or if no board of squares is recognised.
 ///
 /// # Errors
 /// [`RecordingError`] if the recording cannot be read.
