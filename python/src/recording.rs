@@ -83,8 +83,9 @@ pub fn read<'py>(
             // The array has to grow. Check first that there is memory for the rest of the events, as estimated from
             // those read so far.
             if bytes.capacity() - bytes.len() < batch.len() * EVENT_BYTES {
-                let read = bytes.len().max(batch.len() * EVENT_BYTES) as f64;
-                let rest = reader.done().map_or(read, |done| read * (1.0 / done.max(1e-3) - 1.0));
+                let read = (bytes.len() + (batch.len() + reader.waiting()) * EVENT_BYTES) as f64;
+                let all = reader.done().map_or(2.0 * read, |done| read / done.max(1e-3));
+                let rest = all - bytes.len() as f64;
                 memory::check(rest as u64)?;
             }
             append(&mut bytes, &batch);

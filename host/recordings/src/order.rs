@@ -95,6 +95,11 @@ impl Order {
         true
     }
 
+    /// Number of events in the window.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
     /// Drops all events.
     pub fn clear(&mut self) {
         self.held.clear();

@@ -173,6 +173,11 @@ impl EventReader {
         if self.span.is_some() { None } else { self.decoder.done() }
     }
 
+    /// Number of events that were read but not returned yet, because an earlier one might follow.
+    pub fn waiting(&self) -> usize {
+        self.order.count()
+    }
+
     /// Counts and corrections of this pass so far; complete once [`Self::next_batch`] has returned `Ok(false)`.
     pub fn report(&self) -> &ReadReport {
         &self.report
