@@ -65,7 +65,7 @@ impl Incoming {
         let unnamed = folder.path().join("recording");
         let mut file = create(&unnamed)?;
         let (growth, failed) = (Growth::default(), Arc::new(Mutex::new(None)));
-        let (written, failure, asked) = (growth.clone(), Arc::clone(&failed), interrupt.clone());
+        let (written, failure) = (growth.clone(), Arc::clone(&failed));
         // A signal ends the recording also while no byte arrives.
         let (waiting, interrupted) = (growth.clone(), interrupt.clone());
         thread::Builder::new().name("signalled".to_owned()).spawn(move || {
@@ -75,7 +75,7 @@ impl Incoming {
             waiting.end();
         })?;
         thread::Builder::new().name("storing".to_owned()).spawn(move || {
-            if let Err(error) = store(&mut io::stdin().lock(), &mut file, &written, &asked) {
+            if let Err(error) = store(&mut io::stdin().lock(), &mut file, &written) {
                 *failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
             }
             written.end();
@@ -132,7 +132,7 @@ fn create(path: &Path) -> Result<File, Box<dyn Error>> {
 }
 
 /// Copies `input` to `output` until it ends, or the recording has.
-fn store(input: &mut impl Read, output: &mut File, growth: &Growth, interrupt: &Interrupt) -> io::Result<()> {
+fn store(input: &mut impl Read, output: &mut File, growth: &Growth) -> io::Result<()> {
     let mut block = vec![0; BLOCK];
     let mut length = 0;
     loop {
@@ -141,7 +141,7 @@ fn store(input: &mut impl Read, output: &mut File, growth: &Growth, interrupt: &
             Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
             Err(error) => return Err(error),
         };
-        if count == 0 || growth.has_ended() || interrupt.is_asked() {
+        if count == 0 || growth.has_ended() {
             return Ok(());
         }
         output.write_all(block.get(..count).unwrap_or_default())?;
