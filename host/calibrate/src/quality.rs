@@ -21,7 +21,7 @@ use crate::picture_calibration::calibration::{PictureCalibration, PictureSource}
 use crate::quality::board_evidence::BoardEstimate;
 use crate::quality::coverage::{Coverage, coverage, coverage_of};
 use crate::quality::drift::Drift;
-use crate::quality::misfit::{Misfit, misfit, with_misfit};
+use crate::quality::misfit::{Misfit, OtherModel, misfit, rival, with_misfit};
 use crate::quality::residual_map::histogram::{ClassResiduals, class_residuals};
 use crate::quality::residual_map::{ResidualMap, residual_map};
 use crate::quality::split_half::{SplitHalf, split_half};
@@ -69,6 +69,8 @@ pub struct EventQuality {
     pub ranks: [ClassResiduals; 2 * RANK_COUNT],
     /// Difference between the lens model and the lens; `None` if the residuals do not contradict the model.
     pub misfit: Option<Misfit>,
+    /// A lens model that may be right instead, if evcal chose the model: the one that differs most.
+    pub rival: Option<OtherModel>,
     /// The estimated board.
     pub board: BoardEstimate,
     /// Indices of the coefficients of the lens that were fixed because the observations do not determine them.
@@ -123,7 +125,8 @@ pub struct SolveCertainty {
     pub undetermined: Vec<usize>,
 }
 
-/// Computes the quality of `refined`. `saturated` are the intervals with a saturated readout that are in the solve.
+/// Computes the quality of `refined`. `saturated` are the intervals with a saturated readout that are in the solve, `models` those that
+/// the lens may have instead of its own; none if the user stated the model.
 ///
 /// # Errors
 /// [`SolveError::Singular`] if the observations do not determine the camera.
@@ -132,6 +135,7 @@ pub fn examine(
     certainty: SolveCertainty,
     board: &Board,
     saturated: &[LeftOut],
+    models: &[ModelKind],
 ) -> Result<(Quality, EventQuality), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
     let SolveUncertainty { intrinsics: mut uncertainty, mut parts, bias_sigma, poses, halves, drift, .. } =
@@ -156,11 +160,12 @@ pub fn examine(
         || residual_map(problem, state, of_events),
     );
     let misfit = misfit_of(problem, state, &residuals, uncertainty.inflation);
+    let rival = rival(problem, state, models, uncertainty.inflation);
     let before = uncertainty.covariance.clone();
-    let uncertainty = match &misfit {
-        Some(misfit) => with_misfit(uncertainty.clone(), &in_the_image(&uncertainty)?, misfit),
-        None => uncertainty,
-    };
+    let of_misfit = misfit.as_ref().map_or(0.0, |misfit| misfit.rms);
+    let of_model = of_misfit.max(rival.as_ref().map_or(0.0, |rival| rival.difference.rms));
+    let projection = in_the_image(&uncertainty)?;
+    let uncertainty = with_misfit(uncertainty, &projection, of_model);
     let projection = in_the_image(&uncertainty)?;
     let projection_parts = parts
         .projection(&state.camera, &(&uncertainty.covariance - before), problem.sensor)
@@ -174,6 +179,7 @@ pub fn examine(
         classes,
         ranks,
         misfit,
+        rival,
         radius: observed_radius(refined),
         board: certainty.board,
         undetermined: certainty.undetermined,

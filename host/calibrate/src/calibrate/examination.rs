@@ -1,5 +1,6 @@
 //! Examination of a calibration and of its recordings.
 
+use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
 
 use super::Task;
@@ -11,6 +12,7 @@ use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::larger_pattern::larger_pattern;
 use crate::detection::unplaced::UnplacedWindows;
 use crate::initial::InitialModel;
+use crate::initial::model_choice::{CANDIDATES, ModelRequest, USUAL};
 use crate::quality::cross_check::CrossCheckOutcome;
 use crate::quality::verdict::{Finding, Verdict, verdict};
 use crate::quality::{EventQuality, Quality, SolveCertainty, examine};
@@ -53,8 +55,14 @@ pub(super) fn examine_calibration(
 ) -> Result<Examined, CalibrateError> {
     let BoardSolve { mut refined, certainty: uncertainty, board, undetermined, .. } = solve;
     let certainty = SolveCertainty { uncertainty, board, undetermined };
+    // The usual model is what most lenses have. Every other choice rests on the events.
+    let models: &[ModelKind] = match task.model() {
+        ModelRequest::Given(_) => &[],
+        ModelRequest::Usual if refined.state.camera.kind() == USUAL => &[],
+        ModelRequest::Usual | ModelRequest::Auto => &CANDIDATES,
+    };
     let (quality, event_quality) =
-        examine(&refined, certainty, task.board, saturated).map_err(CalibrateError::Solve)?;
+        examine(&refined, certainty, task.board, saturated, models).map_err(CalibrateError::Solve)?;
     refined.events = Vec::new();
     let (mut findings, cross_check) = findings(task, seen, &refined.state, cross_check);
     let good = task.settings.verdict.good;

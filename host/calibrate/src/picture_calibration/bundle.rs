@@ -6,7 +6,8 @@
 //! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. Pictures are
 //! independent. So the covariance comes from the jackknife over pictures (Efron 1982): with the border S = Σ S_f after
 //! elimination and the picture's gradient g_f, leaving out picture f moves the parameters by δ_f = (S − S_f)⁻¹ g_f, and the
-//! covariance is (n − 1) / n Σ δ_f δ_fᵀ.
+//! covariance is (n − 1) / n Σ δ_f δ_fᵀ. The prior of the distortion, with weights W against residuals of variance σ², adds
+//! S⁻¹ σ² W S⁻¹: what the pictures do not determine, the prior does, and its error does not show between pictures.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
@@ -126,7 +127,9 @@ pub fn picture_bundle(
     let mut best = Costed { estimate: start, cost: f64::INFINITY };
     let mut steps = 0;
     for _ in 0..PASSES {
-        target.huber = huber * robust_spread(&residuals(&target, &best.estimate));
+        let spread = robust_spread(&residuals(&target, &best.estimate));
+        target.huber = huber * spread;
+        target.prior = prior.against(spread);
         best.cost = target.cost(&best.estimate);
         steps += target.refine(&mut best);
         if !best.cost.is_finite() {
@@ -148,9 +151,9 @@ pub fn picture_bundle(
     for (of_view, _) in &eliminated {
         border += of_view;
     }
-    for (index, weight) in prior.weights.iter().enumerate().take(count) {
-        border[(index, index)] += weight;
-    }
+    let weights = target.prior.weights.iter().take(count).copied();
+    let weights = DMatrix::from_diagonal(&DVector::from_iterator(count, weights));
+    border += &weights;
     let mut covariance = DMatrix::zeros(count, count);
     for (of_view, gradient) in &eliminated {
         let moved = inverse(&(&border - of_view))? * gradient;
@@ -159,6 +162,8 @@ pub fn picture_bundle(
     let frames = views.len() as f64;
     covariance *= (frames - 1.0) / frames;
     let variance = squares / freedom as f64;
+    let unscaled = inverse(&border)?;
+    covariance += &unscaled * weights * &unscaled * variance;
     let inflation = (&border * &covariance).trace() / (count as f64 * variance);
     let mut distances: Vec<f64> = residuals.iter().map(|residual| residual.norm()).collect();
     let square: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();
@@ -224,6 +229,19 @@ mod tests {
             .collect()
     }
 
+    /// Dots whose noise is that of good pictures: 0.01 px.
+    fn evenly_noisy_views(camera: &Camera<f64>) -> Vec<PictureView> {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut views = views(camera, 5);
+        for view in &mut views {
+            for dot in &mut view.dots {
+                let center = circle_image_center(camera, &view.pose, dot.object, dot.radius).unwrap();
+                dot.image = center + Vector2::new(normal(&mut rng), normal(&mut rng)) * 0.01;
+            }
+        }
+        views
+    }
+
     #[test]
     fn the_reported_uncertainty_agrees_with_the_scatter_over_repetitions() {
         const REPETITIONS: u64 = 60;
@@ -241,6 +259,17 @@ mod tests {
             let ratio: f64 = (stated / square).sqrt();
             assert!((0.75..1.45).contains(&ratio), "parameter {index}: stated {ratio} times the scatter");
         }
+    }
+
+    #[test]
+    fn a_fisheye_that_fills_a_part_of_the_view_is_not_pulled_towards_the_prior() {
+        let parameters = [150.0, 149.5, 174.0, 131.0, 0.02, -0.01, 0.004, -0.001];
+        let truth = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
+        let bundle = picture_bundle(&truth, &evenly_noisy_views(&truth), SENSOR, 2.5).unwrap();
+        let difference =
+            DVector::from_column_slice(&bundle.camera.parameters()) - DVector::from_column_slice(&parameters);
+        let squares = difference.dot(&(inverse(&bundle.covariance).unwrap() * &difference));
+        assert!(squares < 20.0, "χ² of {squares} for 8 parameters: {difference}");
     }
 
     #[test]

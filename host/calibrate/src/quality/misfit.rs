@@ -6,6 +6,9 @@
 //!
 //! A model that folds over inside the image is wrong there in any case. Other models that do not fold are better if they explain
 //! the events as well.
+//!
+//! If evcal chose the model, other models that explain the events about as well may be right instead. Where the board was not seen
+//! they can differ by much, and the difference to the farthest of them is a part of the uncertainty.
 
 use evcal_core::camera::refit::refit_where;
 use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
@@ -48,9 +51,13 @@ const FOLDED_ITERATIONS: usize = 20;
 /// variance of the estimate divided by the variance with independent events), because chance decreases the cost too.
 const CERTAIN: f64 = 8.0;
 
-/// A lens model that follows the lens better.
+/// Largest excess of the Bayesian information criterion (Schwarz 1978) over that of the chosen model at which another model may be
+/// right: from 6 on the evidence against it is strong, 20 to 1 (Kass and Raftery 1995).
+const STRONG_EVIDENCE: f64 = 6.0;
+
+/// Another lens model, solved with the same events.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BetterModel {
+pub struct OtherModel {
     /// The model.
     pub kind: ModelKind,
     /// Error of the calibrated camera if this model is right.
@@ -72,7 +79,7 @@ pub struct Misfit {
     /// Error of the projection over the sensor that the model causes (rms, px).
     pub rms: f64,
     /// A model without that error, if there is one.
-    pub better: Option<BetterModel>,
+    pub better: Option<OtherModel>,
 }
 
 /// Computes the misfit of the model of `state`, the solution of `problem`. `pattern` is the pattern in its residuals, and
@@ -139,39 +146,86 @@ pub fn refitted(kind: ModelKind, camera: &Camera<f64>, sensor: Sensor) -> Option
     refit_where(kind, camera, sensor, |pixel| camera.unproject(pixel).is_some())
 }
 
-fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<BetterModel> {
+/// A model that was solved with a part of the events.
+struct Tried {
+    kind: ModelKind,
+    camera: Camera<f64>,
+    cost: f64,
+}
+
+/// The model of a solution and other models, solved with the same part of the events.
+struct Comparison {
+    own_cost: f64,
+    others: Vec<Tried>,
+    /// Number of observations.
+    count: f64,
+    /// Variance of the estimate divided by the variance with independent observations.
+    inflation: f64,
+}
+
+/// Solves the model of `state` and `others` with a part of the events of `problem`.
+fn compare(problem: &Problem, state: &State, others: &[ModelKind], inflation: f64) -> Option<Comparison> {
     let step = thinning(problem);
     let own = state.camera.kind();
-    let own_folds = folds(&state.camera, problem.sensor);
-    let iterations = if own_folds { FOLDED_ITERATIONS } else { ITERATIONS };
+    let iterations = if folds(&state.camera, problem.sensor) { FOLDED_ITERATIONS } else { ITERATIONS };
     let solved = |kind: ModelKind, camera: Camera<f64>| {
         let free = FreeParameters { intrinsics: intrinsics_of(kind), ..problem.free };
         let solved = solve(&thinned(problem, step, free, iterations), State { camera, ..state.clone() }).ok()?;
-        Some((kind, solved.estimate.camera, solved.report.final_cost))
+        Some(Tried { kind, camera: solved.estimate.camera, cost: solved.report.final_cost })
     };
-    let (_, _, own_cost) = solved(own, state.camera)?;
-    let others: Vec<_> = CANDIDATES
-        .into_iter()
-        .filter(|&kind| kind != own)
-        .filter_map(|kind| solved(kind, refitted(kind, &state.camera, problem.sensor)?))
+    let own_cost = solved(own, state.camera)?.cost;
+    let others = others
+        .iter()
+        .filter(|&&kind| kind != own)
+        .filter_map(|&kind| solved(kind, refitted(kind, &state.camera, problem.sensor)?))
         .collect();
-    let best = others.iter().map(|(_, _, cost)| *cost).fold(f64::INFINITY, f64::min);
-    let chance = CERTAIN * (inflation / step as f64).max(1.0);
+    let count: usize = problem.segments.iter().map(|segment| segment.events.len()).sum();
+    let inflation = (inflation / step as f64).max(1.0);
+    Some(Comparison { own_cost, others, count: count as f64 / step as f64, inflation })
+}
+
+fn better_model(problem: &Problem, state: &State, inflation: f64) -> Option<OtherModel> {
+    let Comparison { own_cost, others, inflation, .. } = compare(problem, state, &CANDIDATES, inflation)?;
+    let own_folds = folds(&state.camera, problem.sensor);
+    let best = others.iter().map(|other| other.cost).fold(f64::INFINITY, f64::min);
+    let chance = CERTAIN * inflation;
     // Of the models that explain as much, the first that does not fold over inside the image.
-    let as_good = others.into_iter().filter(|(_, _, cost)| *cost <= best + chance);
-    let (kind, camera, cost) = as_good.min_by_key(|(_, camera, _)| folds(camera, problem.sensor))?;
+    let as_good = others.into_iter().filter(|other| other.cost <= best + chance);
+    let Tried { kind, camera, cost } = as_good.min_by_key(|other| folds(&other.camera, problem.sensor))?;
     let is_better =
         best + chance < own_cost || own_folds && cost <= own_cost + chance && !folds(&camera, problem.sensor);
     let difference = projection_difference(&state.camera, &camera, problem.sensor).ok()?;
-    is_better.then_some(BetterModel { kind, difference })
+    is_better.then_some(OtherModel { kind, difference })
 }
 
-/// Enlarges `uncertainty` so that the bound of `projection` includes the misfit.
-pub fn with_misfit(uncertainty: Uncertainty, projection: &ProjectionUncertainty, misfit: &Misfit) -> Uncertainty {
+/// Returns the one of `models` that may be right instead of the model of `state`, the solution of `problem`, and differs most from it
+/// over the sensor: it explains the events about as well, and does not fold over inside the image.
+pub fn rival(problem: &Problem, state: &State, models: &[ModelKind], inflation: f64) -> Option<OtherModel> {
+    if models.is_empty() || folds(&state.camera, problem.sensor) {
+        return None;
+    }
+    let Comparison { own_cost, others, count, inflation } = compare(problem, state, models, inflation)?;
+    let criterion = |kind: ModelKind, cost: f64| {
+        cost / inflation + kind.parameter_names().len() as f64 * (count / inflation).max(1.0).ln()
+    };
+    let own = criterion(state.camera.kind(), own_cost);
+    others
+        .into_iter()
+        .filter(|other| criterion(other.kind, other.cost) <= own + STRONG_EVIDENCE)
+        .filter(|other| !folds(&other.camera, problem.sensor))
+        .filter_map(|Tried { kind, camera, .. }| {
+            let difference = projection_difference(&state.camera, &camera, problem.sensor).ok()?;
+            Some(OtherModel { kind, difference })
+        })
+        .max_by(|a, b| a.difference.rms.total_cmp(&b.difference.rms))
+}
+
+/// Enlarges `uncertainty` so that the bound of `projection` includes an error of the lens model of `rms` over the sensor (px).
+pub fn with_misfit(uncertainty: Uncertainty, projection: &ProjectionUncertainty, rms: f64) -> Uncertainty {
     if projection.rms_95 <= 0.0 {
         return uncertainty;
     }
-    let larger = (1.0 + misfit.rms / projection.rms_95).powi(2);
+    let larger = (1.0 + rms / projection.rms_95).powi(2);
     let covariance: DMatrix<f64> = uncertainty.covariance * larger;
     Uncertainty { covariance, inflation: uncertainty.inflation * larger, ..uncertainty }
 }
@@ -217,8 +271,7 @@ mod tests {
             projection_uncertainty(&camera, &uncertainty.covariance, Sensor::new(346, 260)).unwrap()
         };
         let before = bound(&uncertainty);
-        let misfit = Misfit { rms: 0.3, better: None };
-        let after = bound(&with_misfit(uncertainty, &before, &misfit));
+        let after = bound(&with_misfit(uncertainty, &before, 0.3));
         assert!((after.rms_95 - before.rms_95 - 0.3).abs() < 1e-9, "{} {}", before.rms_95, after.rms_95);
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::SVector;
 /// Fraction of the radius that one distortion term is expected to change at the farthest corner.
 const PRIOR_CHANGE: f64 = 0.3;
 
-/// Pixel noise for which the prior has its nominal weight.
+/// Pixel noise for which [`distortion_prior`] weighs the prior against residuals in pixels.
 const PRIOR_NOISE: f64 = 0.1;
 
 /// Gaussian prior of the distortion coefficients.
@@ -23,7 +23,7 @@ pub struct DistortionPrior {
 /// Returns the prior for a camera's model.
 ///
 /// A radial term is expected to change the radius at the corner farthest from the principal point by a fraction of
-/// about `PRIOR_CHANGE`.
+/// about `PRIOR_CHANGE`. Its weights are for residuals with a noise of 0.1 px.
 pub fn distortion_prior(camera: &Camera<f64>, sensor: Sensor) -> DistortionPrior {
     let mut prior = DistortionPrior { weights: [0.0; MAX_PARAMETERS], expected: [0.0; MAX_PARAMETERS] };
     let &[fx, fy, cx, cy, ..] = camera.parameters().as_slice() else { return prior };
@@ -49,6 +49,14 @@ pub struct PriorEquations {
 }
 
 impl DistortionPrior {
+    /// Returns the same prior, weighed against residuals whose standard deviation along one axis is `noise` (px).
+    pub fn against(mut self, noise: f64) -> Self {
+        for weight in &mut self.weights {
+            *weight *= (noise / PRIOR_NOISE).powi(2);
+        }
+        self
+    }
+
     /// Returns the standard deviation of parameter `index` around its expected value; `None` if it has no prior.
     pub fn sigma(&self, index: usize) -> Option<f64> {
         self.weights.get(index).filter(|weight| **weight > 0.0).map(|weight| PRIOR_NOISE / weight.sqrt())

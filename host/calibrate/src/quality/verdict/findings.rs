@@ -12,7 +12,7 @@ use super::{Cause, Finding, Severity, VerdictSettings};
 use crate::advice::Advice;
 use crate::quality::board_evidence::{BoardEvidence, RADIUS};
 use crate::quality::coverage::Coverage;
-use crate::quality::misfit::BetterModel;
+use crate::quality::misfit::OtherModel;
 use crate::quality::split_half::SplitHalf;
 use crate::quality::{EventQuality, ObservedRadius, Quality};
 use crate::solve::left_out::{LeftOut, Reason};
@@ -52,6 +52,7 @@ pub(super) fn findings_on(
     findings.extend(events.and_then(|events| fixed(camera, &events.undetermined)));
     findings.extend(undetermined(camera, quality, events.map_or(&[], |events| &events.undetermined)));
     findings.extend(events.and_then(|events| too_poor(camera, events, folds)));
+    findings.extend(events.and_then(|events| other_model(events.rival.as_ref()?, settings)));
     findings.extend(events.and_then(|events| halves(events.split_half.as_ref()?)));
     findings.extend(events.and_then(|events| unexplained(&events.left_out)));
     findings.extend(events.and_then(saturated));
@@ -328,7 +329,7 @@ fn too_poor(camera: &Camera<f64>, events: &EventQuality, folds: bool) -> Option<
     let pattern = &events.residuals.pattern;
     let misfit = events.misfit.as_ref().filter(|_| pattern.is_suspicious())?;
     let own = camera.kind();
-    let Some(BetterModel { kind, difference }) = &misfit.better else {
+    let Some(OtherModel { kind, difference }) = &misfit.better else {
         return (pattern.is_condemning() && !folds).then(|| Finding {
             cause: Cause::ModelTooPoor,
             severity: Severity::Warning,
@@ -347,6 +348,20 @@ fn too_poor(camera: &Camera<f64>, events: &EventQuality, folds: bool) -> Option<
             difference.rms, difference.max
         ),
         advice: Advice::TakeModel(*kind),
+    })
+}
+
+/// Finds another model that may be right, if it differs by more than a good calibration may be wrong.
+fn other_model(rival: &OtherModel, settings: &VerdictSettings) -> Option<Finding> {
+    let OtherModel { kind, difference } = rival;
+    (difference.rms > settings.good).then(|| Finding {
+        cause: Cause::Uncovered,
+        severity: Severity::Warning,
+        reason: format!(
+            "{kind} explains the events as well as the chosen lens model, and differs from it by {:.2} px over the sensor ({:.1} px at most)",
+            difference.rms, difference.max
+        ),
+        advice: "move the board through the whole image, including its corners: there the models differ".into(),
     })
 }
 
