@@ -268,14 +268,20 @@ fn several<'py>(given: &Bound<'py, PyAny>) -> Vec<Bound<'py, PyAny>> {
     several.unwrap_or_else(|_| vec![given.clone()])
 }
 
-/// Returns the inputs from a path, an array, or a list of them.
-fn inputs_of(given: &Bound<'_, PyAny>, options: &ReadOptions, board: &Board) -> PyResult<Vec<Input>> {
+/// Returns the inputs from a path, an array, or a list of them, for this use of their pictures.
+fn inputs_of(
+    given: &Bound<'_, PyAny>,
+    options: &ReadOptions,
+    board: &Board,
+    pictures: PictureUse,
+) -> PyResult<Vec<Input>> {
+    let open = if pictures == PictureUse::Only { Input::open_views } else { Input::open };
     several(given)
         .iter()
         .map(|one| match as_path(one) {
             Some(path) => {
                 let options = options.clone().options()?;
-                given.py().detach(|| Input::open(&path, &options, board)).map_err(failed)
+                given.py().detach(|| open(&path, &options, board)).map_err(failed)
             }
             None => Ok(of_array(one, options)?.into()),
         })
@@ -315,17 +321,18 @@ fn inputs_and_board(
     given: &Bound<'_, PyAny>,
     options: &ReadOptions,
     request: &BoardRequest,
+    pictures: PictureUse,
     settings: &Settings,
 ) -> PyResult<(Vec<Input>, Board)> {
     if let BoardRequest::Given(board) = request {
-        return Ok((inputs_of(given, options, board)?, *board));
+        return Ok((inputs_of(given, options, board, pictures)?, *board));
     }
     // No board is known yet, so the inputs are opened with an arbitrary one. Recordings of events do not depend on it.
     // Files of circles do, but no board can be recognised in them anyway.
     let any =
         CircleBoard { pattern: Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 }, spacing: 1.0, radius: 0.3 }
             .into();
-    let inputs = inputs_of(given, options, &any)?;
+    let inputs = inputs_of(given, options, &any, pictures)?;
     let recordings = inputs.iter().map(|input| match input {
         Input::Events(recording) => Ok(recording),
         Input::Images(_) | Input::Circles { .. } => Err(failed(BoardChoiceError::NoEvents)),
@@ -372,8 +379,8 @@ fn picture_use(name: &str) -> PyResult<PictureUse> {
 /// columns, time_unit, stream: as for read.
 /// settings: a settings file (TOML).
 /// frames: use of the camera's own frames, if a file contains them: "cross-check" compares them with the events,
-/// "joint" estimates the camera from frames and events together, "only" uses the frames alone, "ignore" does not read
-/// them.
+/// "joint" estimates the camera from frames and events together, "only" uses the frames alone (also of a folder or bag of images),
+/// "ignore" does not read them.
 /// imu: also calibrate the IMU: True for the samples in the recording, or the path of a CSV file of samples. gravity:
 /// magnitude of gravity at the site of the recording, 9.7 to 9.9 m/s².
 /// with_: the recording of another camera on the same mount, or a list of them: a path (events, a folder of images, a bag) or events in
@@ -409,7 +416,8 @@ pub fn calibrate(
     let options = ReadOptions { sensor, columns, time_unit, stream };
     let options_of_others = ReadOptions { sensor: with_sensor.or(sensor), stream: with_stream, ..options.clone() };
     let settings = settings_of(settings)?;
-    let (inputs, board) = inputs_and_board(events, &options, &request, &settings)?;
+    let pictures = picture_use(frames)?;
+    let (inputs, board) = inputs_and_board(events, &options, &request, pictures, &settings)?;
     let others = with_.map_or_else(
         || Ok(Vec::new()),
         |given| several(given).iter().map(|one| other_input(one, &options_of_others, &board)).collect(),
@@ -422,7 +430,7 @@ pub fn calibrate(
         board,
         model: model_request(model)?,
         sensor: options.options()?.sensor,
-        pictures: picture_use(frames)?,
+        pictures,
         settings,
     };
     let mut raised = None;

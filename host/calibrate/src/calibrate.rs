@@ -141,6 +141,9 @@ pub fn calibrate(
     let progress = Progress::new(task.inputs, &mut progress);
     let calibrated = match task.pictures {
         PictureUse::Only => pictures::calibrate(task, &progress),
+        _ if task.inputs.iter().all(Input::has_only_views) => {
+            pictures::calibrate(&Task { pictures: PictureUse::Only, ..*task }, &progress)
+        }
         _ => calibrate_moved_or_blinking(task, &progress),
     };
     let fixed = task.parameters.fixed_intrinsics.iter().any(Option::is_some);

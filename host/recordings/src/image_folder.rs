@@ -1,10 +1,11 @@
 //! A folder of images with timestamps, as in EuRoC data sets: `data.csv`, and a folder `data` with the images next to
-//! it.
+//! it. A folder of images without timestamps is enough where each image is a view of its own.
 //!
 //! `data.csv` has a header line `#timestamp [ns],filename`, then one line per image. An optional third column,
 //! `exposure [ns]` (or us, ms, s), contains the exposure time of each image. Images are PNG or JPEG, all of one size,
 //! and are read one at a time.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -92,6 +93,9 @@ pub enum ImageFolderError {
         /// Names of the cameras' folders.
         names: String,
     },
+    /// There is neither a table nor an image.
+    #[error("{} holds no PNG or JPEG", .0.display())]
+    Empty(PathBuf),
     /// A line of the table is invalid.
     #[error("{}: line {line}: {what}", path.display())]
     Line {
@@ -201,7 +205,38 @@ impl ImageFolder {
             line,
             what,
         })?;
-        let first = entries.first().ok_or_else(|| ImageFolderError::NoImages(table.clone()))?;
+        Self::of(path, entries, stamps, || ImageFolderError::NoImages(table.clone()))
+    }
+
+    /// Returns `true` if the folder at `path`, or folders of cameras in it, have a table.
+    pub fn has_table(path: &Path) -> bool {
+        !matches!(camera_folder(path), Err(ImageFolderError::NoTable(_)))
+    }
+
+    /// Opens the PNG and JPEG files of the folder at `path` in the order of their names, one second apart.
+    ///
+    /// # Errors
+    /// [`ImageFolderError`] if there is none, or the first one cannot be read.
+    pub fn by_name(path: &Path) -> Result<Self, ImageFolderError> {
+        let io = |error| ImageFolderError::Io { path: path.to_owned(), error };
+        let files = fs::read_dir(path).map_err(io)?.map(|entry| Ok(entry.map_err(io)?.path()));
+        let mut files = files.collect::<Result<Vec<PathBuf>, ImageFolderError>>()?;
+        files.retain(|file| file.is_file() && is_image(file));
+        files.sort();
+        let entry = |(second, path): (i64, PathBuf)| Entry { stamp: second * 1_000_000_000, exposure: None, path };
+        Self::of(path, (0..).zip(files).map(entry).collect(), Stamps::default(), || {
+            ImageFolderError::Empty(path.to_owned())
+        })
+    }
+
+    /// Reads the size of the first image; `empty` is the error if there is none.
+    fn of(
+        path: &Path,
+        entries: Vec<Entry>,
+        stamps: Stamps,
+        empty: impl FnOnce() -> ImageFolderError,
+    ) -> Result<Self, ImageFolderError> {
+        let first = entries.first().ok_or_else(empty)?;
         let size = read(&first.path)?.size;
         let sensor = sensor_of(size).ok_or_else(|| ImageFolderError::Sides { path: first.path.clone(), size })?;
         Ok(Self { path: path.to_owned(), entries, sensor, stamps })
@@ -255,6 +290,12 @@ impl ImageFolder {
         }
         Ok(())
     }
+}
+
+/// Returns `true` if `path` has the extension of images that can be read.
+pub fn is_image(path: &Path) -> bool {
+    let has = |extension: &OsStr| ["png", "jpg", "jpeg"].iter().any(|known| extension.eq_ignore_ascii_case(known));
+    path.extension().is_some_and(has)
 }
 
 /// Returns the folder with the table: `path` itself, or the only camera in it.

@@ -62,6 +62,19 @@ impl Images {
         }))
     }
 
+    /// As [`Images::open`], but timestamps do not matter: a folder without a table yields its images in the order of their names.
+    ///
+    /// # Errors
+    /// [`ImagesError`] names the file and the fault.
+    pub fn open_views(path: &Path, topic: Option<&str>, damage: Damage) -> Result<Option<Self>, ImagesError> {
+        if path.is_dir() && folder_format(path).is_none() && !ImageFolder::has_table(path) {
+            let folder = ImageFolder::by_name(path)?;
+            let files = Files::new(folder.files());
+            return Ok(Some(Self { source: Source::Folder(folder), files, stamps: Stamps::default() }));
+        }
+        Self::open(path, topic, damage, Stamps::default())
+    }
+
     /// Name for messages: the path of the folder, or the bag and its topic.
     pub fn name(&self) -> String {
         match &self.source {

@@ -16,3 +16,4 @@ mod squares;
 mod stage_texts;
 mod uncertainty;
 mod verdicts;
+mod views;

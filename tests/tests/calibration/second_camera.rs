@@ -165,7 +165,7 @@ fn wrong_second_recordings_are_rejected() {
 const FRAMES: [&str; 11] =
     ["simulate", "--board", BOARD, "--motion", "fast", "--duration", "5s", "--seed", "41", "--light", "ideal"];
 
-fn frame_simulation() -> PathBuf {
+pub(crate) fn frame_simulation() -> PathBuf {
     made("second-frames", &[&FRAMES[..], &["--second-frames"]].concat())
 }
 

@@ -295,7 +295,8 @@ fn sensor_of(input: &Input, given: Option<Sensor>) -> Result<Sensor, CalibrateEr
         };
         CalibrateError::SensorUnknown { file: input.name(), likely }
     })?;
-    if sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height {
+    let is_searched = matches!(input, Input::Events(_));
+    if is_searched && (sensor.width > LARGEST_SENSOR.width || sensor.height > LARGEST_SENSOR.height) {
         return Err(CalibrateError::SensorTooLarge { file: input.name(), sensor });
     }
     Ok(sensor)

@@ -196,6 +196,11 @@ pub enum CalibrateError {
         /// Number of views with the board.
         views: usize,
     },
+    /// A parameter of the board is requested, and there are only pictures.
+    #[error(
+        "print-ratio, bend and radius of the board can only be fixed or estimated with the events of a board that moves"
+    )]
+    BoardOfPictures,
     /// Pictures and events of the same moment show the board at different positions.
     #[error("frames and events cannot be solved together: {}; {}", .0, .0.advice())]
     PicturesMisaligned(Misalignment),

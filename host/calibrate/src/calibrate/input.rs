@@ -13,11 +13,15 @@ use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
 use crate::detection::{DetectionReport, order_frames};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
+use evcal_geometry::numerics::statistics::median;
 use event_recordings::continued::chains;
 use event_recordings::image_folder::Stamps;
 use event_recordings::images::{Images, ImagesError};
 use event_recordings::pass::{Batch, Pass, read_while};
 use event_recordings::{Files, ReadReport, Recording, RecordingError, RecordingOptions, options_for};
+
+/// Time between frames of circles (s) above which a hand-held board moves in ways that the frames do not show.
+const MOST_BETWEEN_CIRCLES: f64 = 0.05;
 
 /// One input: events, circles or frames.
 #[derive(Clone)]
@@ -87,6 +91,14 @@ impl Input {
         }
     }
 
+    /// Returns `true` if these are circles in frames so far apart in time that no trajectory connects them.
+    pub fn has_only_views(&self) -> bool {
+        let Self::Circles { frames, .. } = self else { return false };
+        let mut gaps: Vec<f64> =
+            frames.windows(2).filter_map(|pair| Some(pair.last()?.t() - pair.first()?.t())).collect();
+        median(&mut gaps, f64::total_cmp).is_some_and(|gap| gap > MOST_BETWEEN_CIRCLES)
+    }
+
     /// Joins files of events that continue each other into one recording, at the index of the first of them.
     pub fn join(inputs: Vec<Self>) -> Vec<Self> {
         let events = |(place, input): (usize, &Self)| match input {
@@ -137,6 +149,18 @@ impl Input {
         let options = options_for(path, options);
         let stream = stream.map(str::to_owned).or_else(|| options.stream.clone());
         Self::open(path, &RecordingOptions { stream, ..options }, board)
+    }
+
+    /// Opens frames, each of which is a view with its own pose: images, whose timestamps do not matter, or any input of
+    /// [`Input::open`]. `options` may name the topic of images in a bag.
+    ///
+    /// # Errors
+    /// [`InputError`] if it is neither, or cannot be read.
+    pub fn open_views(path: &Path, options: &RecordingOptions, board: &Board) -> Result<Self, InputError> {
+        match Images::open_views(path, options.stream.as_deref(), options.damage)? {
+            Some(images) => Ok(Self::Images(images)),
+            None => Self::open(path, options, board),
+        }
     }
 
     /// Opens a recording, a circle track or a circle stream, whichever `path` is. Circles without a position on the board are

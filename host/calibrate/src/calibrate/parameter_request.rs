@@ -67,6 +67,11 @@ impl ParameterRequests {
         self.fixed_intrinsics.iter().any(Option::is_some) || self.free_intrinsics.contains(&true)
     }
 
+    /// Returns `true` if a parameter of the board is fixed or always estimated.
+    pub fn has_board(&self) -> bool {
+        self.fixed_board.iter().any(Option::is_some) || self.free_board.contains(&true)
+    }
+
     /// Parses requests: `NAME=VALUE` fixes a parameter, `NAME` estimates it. `model` is the model of the lens, if it is known.
     ///
     /// # Errors

@@ -118,6 +118,11 @@ fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -
     let mut origins = Vec::new();
     for (number, input) in task.inputs.iter().enumerate() {
         let start = starts.and_then(|starts| starts.get(number)).map(|start| (start * 1e6).round() as i64);
+        if let (Input::Circles { frames, start, .. }, PictureUse::Only) = (input, task.pictures) {
+            detection.take(number, frames);
+            origins.push(*start);
+            continue;
+        }
         let origin = if may_contain_pictures(input) && without.get(number) != Some(&true) {
             progress.report(format!("looking for frames with the board in {}", input.short_name()))?;
             detection.search(number, start, |visit| visit_pictures(input, visit))?
@@ -171,8 +176,10 @@ fn picture_calibration(
     let SeenPictures { frames, numbers, report, .. } = seen;
     // The calibration from pictures cannot be cancelled. A request to cancel takes effect after it.
     let _ = progress.report(format!("calibration from {} {source}", frames.len()));
-    let calibrate =
-        |frames, report| calibrate_pictures(frames, report, source, task.board, sensor, model, &task.settings.initial);
+    let calibrate = |frames, report| {
+        let (initial, fixed) = (&task.settings.initial, &task.parameters.fixed_intrinsics);
+        calibrate_pictures(frames, report, source, task.board, sensor, model, initial, fixed)
+    };
     let mut calibrated = calibrate(frames, report);
     let tags = fits_tags(task, source);
     for _ in 1..MOST_PASSES {
@@ -208,7 +215,8 @@ fn fit_tags_again(
     for frames in frames.chunk_by_mut(|a, b| a.recording == b.recording) {
         let (of_recording, rest) = numbers.split_at_checked(frames.len()).unwrap_or((numbers, &[]));
         numbers = rest;
-        let Some(input) = frames.first().and_then(|frame| task.inputs.get(frame.recording)) else { continue };
+        let input = frames.first().and_then(|frame| task.inputs.get(frame.recording));
+        let Some(input) = input.filter(|input| may_contain_pictures(input)) else { continue };
         progress.report(format!("corners of tags in {}", input.short_name()))?;
         tags.fit_again(camera, sensor, frames, of_recording, |visit| visit_pictures(input, visit))?;
     }
@@ -294,6 +302,9 @@ pub(super) fn calibrate_seen(
     recordings: Vec<RecordingReport>,
     progress: &Progress,
 ) -> Result<Calibrated, CalibrateError> {
+    if task.parameters.has_board() {
+        return Err(CalibrateError::BoardOfPictures);
+    }
     let starts = seen.starts.clone();
     let choose = |frames: &[ReferenceFrame]| -> Result<(ModelKind, Option<ModelChoice>), CalibrateError> {
         let request = task.model();

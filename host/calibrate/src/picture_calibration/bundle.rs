@@ -16,6 +16,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Vector2};
 use super::circle_image::{CircleImage, circle_image_center};
 use crate::initial::bundle_adjustment::{Equations, Estimate, ImagePoint, ReprojectionResidual, Target, View};
 use evcal_geometry::lens::distortion_prior::distortion_prior;
+use evcal_geometry::lens::fixed::with_fixed;
 use evcal_geometry::numerics::arrow::unit_diagonal;
 use evcal_geometry::numerics::levenberg_marquardt::Costed;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
@@ -106,23 +107,27 @@ fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
     median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (SIGMA_BY_MEDIAN * median).max(SMALLEST_SPREAD))
 }
 
-/// Refines `camera` and the poses of `views`. `sensor` is (width, height) in pixels, `huber` the distance in spreads from which a
-/// centre counts linearly.
+/// Refines the parameters of `camera` that have no value in `fixed`, and the poses of `views`. `sensor` is (width, height) in pixels,
+/// `huber` the distance in spreads from which a centre counts linearly.
 ///
-/// Returns `None` if a dot starts outside the camera's domain or the views do not determine the camera.
+/// Returns `None` if no camera has the `fixed` values, a dot starts outside the camera's domain, or the views do not determine the
+/// camera.
 pub fn picture_bundle(
     camera: &Camera<f64>,
     views: &[PictureView],
     sensor: Sensor,
     huber: f64,
+    fixed: &[Option<f64>; MAX_PARAMETERS],
 ) -> Option<PictureBundle> {
+    let camera = &with_fixed(camera, fixed, sensor)?;
     let count = camera.parameters().len();
+    let free = fixed.map(|value| value.is_none());
+    let estimated = free.iter().take(count).filter(|free| **free).count();
     let dots: usize = views.iter().map(|view| view.dots.len()).sum();
-    let freedom = (2 * dots).checked_sub(6 * views.len() + count).filter(|freedom| *freedom > 0)?;
+    let freedom = (2 * dots).checked_sub(6 * views.len() + estimated).filter(|freedom| *freedom > 0)?;
     let prior = distortion_prior(camera, sensor);
     let seen: Vec<View<'_, SeenDot>> = views.iter().map(|view| View { points: &view.dots, pose: view.pose }).collect();
-    let free = &[true; MAX_PARAMETERS];
-    let mut target = Target { views: &seen, free, prior, huber: f64::INFINITY };
+    let mut target = Target { views: &seen, free: &free, prior, huber: f64::INFINITY };
     let start = Estimate { camera: *camera, poses: views.iter().map(|view| view.pose).collect() };
     let mut best = Costed { estimate: start, cost: f64::INFINITY };
     let mut steps = 0;
@@ -151,9 +156,13 @@ pub fn picture_bundle(
     for (of_view, _) in &eliminated {
         border += of_view;
     }
-    let weights = target.prior.weights.iter().take(count).copied();
-    let weights = DMatrix::from_diagonal(&DVector::from_iterator(count, weights));
+    let weights = target.prior.equations(&estimate.camera, &free).weights;
+    let weights = DMatrix::from_diagonal(&DVector::from_column_slice(weights.rows(0, count).as_slice()));
     border += &weights;
+    for (index, free) in free.iter().enumerate().take(count) {
+        // A fixed parameter does not move.
+        border[(index, index)] += f64::from(u8::from(!free));
+    }
     let mut covariance = DMatrix::zeros(count, count);
     for (of_view, gradient) in &eliminated {
         let moved = inverse(&(&border - of_view))? * gradient;
@@ -164,7 +173,7 @@ pub fn picture_bundle(
     let variance = squares / freedom as f64;
     let unscaled = inverse(&border)?;
     covariance += &unscaled * weights * &unscaled * variance;
-    let inflation = (&border * &covariance).trace() / (count as f64 * variance);
+    let inflation = (&border * &covariance).trace() / (estimated as f64 * variance);
     let mut distances: Vec<f64> = residuals.iter().map(|residual| residual.norm()).collect();
     let square: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();
     Some(PictureBundle {
@@ -192,6 +201,7 @@ mod tests {
 
     const SENSOR: Sensor = Sensor::new(346, 260);
     const VIEWS: usize = 30;
+    const NOTHING_FIXED: [Option<f64>; MAX_PARAMETERS] = [None; MAX_PARAMETERS];
 
     fn camera() -> Camera<f64> {
         let parameters = [331.2, 330.7, 174.1, 127.3, -0.33, 0.12, 0.0006, -0.0004];
@@ -248,7 +258,7 @@ mod tests {
         let truth = camera();
         let (mut squares, mut stated) = ([0.0; 8], [0.0; 8]);
         for seed in 0..REPETITIONS {
-            let bundle = picture_bundle(&truth, &views(&truth, seed), SENSOR, 2.5).unwrap();
+            let bundle = picture_bundle(&truth, &views(&truth, seed), SENSOR, 2.5, &NOTHING_FIXED).unwrap();
             let found = bundle.camera.parameters();
             for index in 0..8 {
                 squares[index] += (found[index] - truth.parameters()[index]).powi(2) / REPETITIONS as f64;
@@ -265,11 +275,26 @@ mod tests {
     fn a_fisheye_that_fills_a_part_of_the_view_is_not_pulled_towards_the_prior() {
         let parameters = [150.0, 149.5, 174.0, 131.0, 0.02, -0.01, 0.004, -0.001];
         let truth = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
-        let bundle = picture_bundle(&truth, &evenly_noisy_views(&truth), SENSOR, 2.5).unwrap();
+        let bundle = picture_bundle(&truth, &evenly_noisy_views(&truth), SENSOR, 2.5, &NOTHING_FIXED).unwrap();
         let difference =
             DVector::from_column_slice(&bundle.camera.parameters()) - DVector::from_column_slice(&parameters);
         let squares = difference.dot(&(inverse(&bundle.covariance).unwrap() * &difference));
         assert!(squares < 20.0, "χ² of {squares} for 8 parameters: {difference}");
+    }
+
+    #[test]
+    fn fixed_parameters_keep_their_values_and_have_no_uncertainty() {
+        let truth = camera();
+        let mut fixed = NOTHING_FIXED;
+        (fixed[2], fixed[6]) = (Some(174.1), Some(0.0));
+        let bundle = picture_bundle(&truth, &evenly_noisy_views(&truth), SENSOR, 2.5, &fixed).unwrap();
+        let found = bundle.camera.parameters();
+        assert_eq!((found[2], found[6]), (174.1, 0.0));
+        let sigma = bundle.covariance.diagonal().map(f64::sqrt);
+        for index in 0..8 {
+            assert_eq!(sigma[index] > 0.0, fixed[index].is_none(), "parameter {index}: {sigma}");
+        }
+        assert!((found[0] - 331.2).abs() < 0.2, "{found:?}");
     }
 
     #[test]
@@ -280,7 +305,7 @@ mod tests {
         for view in &mut views {
             view.pose.translation.vector.z *= 1.04;
         }
-        let bundle = picture_bundle(&start.unwrap(), &views, SENSOR, 2.5).unwrap();
+        let bundle = picture_bundle(&start.unwrap(), &views, SENSOR, 2.5, &NOTHING_FIXED).unwrap();
         let sigma = bundle.covariance.diagonal().map(f64::sqrt);
         for (index, (found, truth)) in bundle.camera.parameters().iter().zip(truth.parameters()).enumerate() {
             assert!((found - truth).abs() < 4.0 * sigma[index], "parameter {index}: {found} {truth}");

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use evcal_core::camera::{Camera, ModelKind};
+use evcal_core::camera::{Camera, MAX_PARAMETERS, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -191,7 +191,8 @@ fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
     if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) }
 }
 
-/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which `board` was found.
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which `board` was found. Its
+/// parameters with a value in `fixed` keep it.
 ///
 /// # Errors
 /// [`NoPictureCalibration`] if too few pictures are left, or they do not determine the camera.
@@ -203,6 +204,7 @@ pub fn calibrate_pictures(
     sensor: Sensor,
     kind: ModelKind,
     settings: &InitialSettings,
+    fixed: &[Option<f64>; MAX_PARAMETERS],
 ) -> Result<PictureCalibration, NoPictureCalibration> {
     let mut report = PictureReport { source, detection, ..PictureReport::default() };
     let initial = match start(&frames, &report, board, sensor, kind, settings) {
@@ -222,7 +224,7 @@ pub fn calibrate_pictures(
             PictureView { dots: dots.collect(), pose: posed.pose.inverse() }
         })
         .collect();
-    let bundle = picture_bundle(&initial.camera, &views, sensor, HUBER);
+    let bundle = picture_bundle(&initial.camera, &views, sensor, HUBER, fixed);
     let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
         let reason = PictureFailure::Undetermined { count: views.len(), pictures: source };
         return Err(NoPictureCalibration { reason, report: Box::new(report) });

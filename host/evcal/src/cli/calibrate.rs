@@ -33,6 +33,7 @@ use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_report::output::folder::{FOLDERS, is_result};
 use event_recordings::image_folder::Stamps;
+use event_recordings::images::Images;
 use event_recordings::{Recording, RecordingOptions};
 
 use self::fixed::{FixedCamera, FixedCameras};
@@ -153,8 +154,9 @@ pub struct CalibrationArguments {
     /// Print how many events, circles and frames each stage received and kept
     #[arg(short, long)]
     verbose: bool,
-    /// Calibrate from the camera's own frames only, as ordinary image calibration does
-    #[arg(long, conflicts_with_all = ["joint_frames", "imu", "fix", "free"])]
+    /// Calibrate from frames only, as ordinary image calibration does: the camera's own, a folder of images, a bag of images, or the
+    /// points of a circle track, each frame with its own pose
+    #[arg(long, conflicts_with_all = ["joint_frames", "imu"])]
     frames_only: bool,
     /// Solve for events and the camera's own frames jointly
     #[arg(long)]
@@ -396,10 +398,18 @@ pub fn calibrate_recordings(
     mut waiting: Waiting,
 ) -> super::Outcome {
     check_others(recordings, others, options)?;
-    let board = arguments.method.choose_board(recordings, options, &settings.detection)?;
+    let mut with_events = recordings.to_vec();
+    if arguments.frames_only {
+        let of_images = |path: &PathBuf| Images::open_views(path, options.stream.as_deref(), options.damage);
+        with_events.retain(|path| !matches!(of_images(path), Ok(Some(_))));
+    }
+    let board = arguments.method.choose_board(&with_events, options, &settings.detection)?;
     let inputs = recordings
         .iter()
-        .map(|path| open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)))
+        .map(|path| match arguments.frames_only && !SerialAddress::is_address(path) {
+            true => Ok(Input::open_views(path, options, &board)?),
+            false => open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)),
+        })
         .collect::<Result<Vec<Input>, _>>()?;
     let inputs = Input::join(inputs);
     for input in &inputs {

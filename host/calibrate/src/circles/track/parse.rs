@@ -1,6 +1,7 @@
 //! Parsing a circle track.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 
 use evcal_core::pattern::Pattern;
 use nalgebra::Vector2;
@@ -61,7 +62,41 @@ pub fn is_circle_track(text: &str) -> bool {
         let mut quantities = names.split(SEPARATORS).filter_map(quantity);
         quantities.any(|(quantity, _)| quantity == wanted)
     };
-    has(Quantity::Time) && has(Quantity::X) && has(Quantity::Y)
+    (has(Quantity::Time) || has(Quantity::Frame)) && has(Quantity::X) && has(Quantity::Y) || has_corners(text)
+}
+
+/// Returns `true` if `text` has the legend of mrcal's files of corners.
+fn has_corners(text: &str) -> bool {
+    text.lines().find_map(legend).is_some()
+}
+
+/// Returns the columns of filename, x and y in the legend of a file of corners: a comment with the names of the columns.
+fn legend(line: &str) -> Option<[usize; 3]> {
+    let names: Vec<&str> = line.trim().strip_prefix('#')?.split_whitespace().collect();
+    let place = |wanted: &str| names.iter().position(|name| *name == wanted);
+    Some([place("filename")?, place("x")?, place("y")?])
+}
+
+/// Rewrites a file of corners as a circle track. Each image has a line for every corner of the board, row by row; `-` stands for one that
+/// was not found, and an image without the board has a single line.
+fn of_corners(text: &str, pattern: &Pattern) -> String {
+    let mut track = String::from("frame,x_px,y_px,column,row\n");
+    let (mut places, mut image, mut number, mut index) = (None, "", 0_usize, 0_usize);
+    for line in text.lines() {
+        places = places.or_else(|| legend(line));
+        let Some([file, x, y]) = places.filter(|_| !is_comment(line)) else { continue };
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        let field = |column: usize| fields.get(column).copied().unwrap_or("-");
+        if field(file) != image {
+            (image, number, index) = (field(file), number + 1, 0);
+        }
+        if field(x) != "-" && field(y) != "-" {
+            let (row, column) = (index / usize::from(pattern.columns), index % usize::from(pattern.columns));
+            let _ = writeln!(track, "{number},{},{},{column},{row}", field(x), field(y));
+        }
+        index += 1;
+    }
+    track
 }
 
 fn is_comment(line: &str) -> bool {
@@ -91,6 +126,7 @@ struct Columns {
 /// Parses the bytes of a circle track; see [`super::read`].
 pub fn parse(bytes: &[u8], pattern: &Pattern, recording: usize) -> Result<CircleTrack, CircleTrackErrorKind> {
     let text = String::from_utf8_lossy(bytes);
+    let text = if has_corners(&text) { of_corners(&text, pattern).into() } else { text };
     let mut notes = Vec::new();
     let mut columns: Option<Columns> = None;
     let mut origin_us = None;
@@ -146,17 +182,23 @@ impl Columns {
                 None => ignored.push(*name),
             }
         }
-        let missing = [(Quantity::Time, "t_s or t_us"), (Quantity::X, "x_px"), (Quantity::Y, "y_px")]
-            .into_iter()
-            .find(|(quantity, _)| !places.contains_key(quantity))
-            .map(|(_, name)| name)
-            .or(match (places.contains_key(&Quantity::Column), places.contains_key(&Quantity::Row)) {
+        let needed = [(Quantity::Time, "t_s or t_us"), (Quantity::X, "x_px"), (Quantity::Y, "y_px")];
+        let is_missing = |quantity: &Quantity| match quantity {
+            Quantity::Time => !places.contains_key(quantity) && !places.contains_key(&Quantity::Frame),
+            _ => !places.contains_key(quantity),
+        };
+        let missing = needed.into_iter().find(|(quantity, _)| is_missing(quantity)).map(|(_, name)| name).or(
+            match (places.contains_key(&Quantity::Column), places.contains_key(&Quantity::Row)) {
                 (true, false) => Some("row (there is a column)"),
                 (false, true) => Some("column (there is a row)"),
                 _ => None,
-            });
+            },
+        );
         if let Some(missing) = missing {
             return Err(CircleTrackErrorKind::Columns { line: number, missing });
+        }
+        if missing.is_none() && !places.contains_key(&Quantity::Time) {
+            notes.push("no times: each frame is a view of its own, one second after the one before".to_owned());
         }
         if !ignored.is_empty() {
             notes.push(format!("ignored columns: {}", ignored.join(", ")));
@@ -207,10 +249,15 @@ impl Columns {
             let field = field(Quantity::Radius).map(|(text, _)| text.to_owned()).unwrap_or_default();
             return Err(CircleLineError::Radius { field });
         }
+        let frame = whole(Quantity::Frame, "frame")?;
+        let t = match self.places.contains_key(&Quantity::Time) {
+            true => required(time(Quantity::Time, "time"), "time")?,
+            false => frame.ok_or(CircleLineError::Missing("frame"))? as f64,
+        };
         let velocity = (number(Quantity::VelocityX, "velocity")?, number(Quantity::VelocityY, "velocity")?);
         Ok(Row {
             line,
-            frame: whole(Quantity::Frame, "frame")?,
+            frame,
             place: match self.places.contains_key(&Quantity::Column) {
                 true => Some((place(Quantity::Column, "column")?, place(Quantity::Row, "row")?)),
                 false => None,
@@ -218,7 +265,7 @@ impl Columns {
             start: time(Quantity::Start, "start of a time window")?,
             end: time(Quantity::End, "end of a time window")?,
             circle: UnorderedCircle {
-                t: required(time(Quantity::Time, "time"), "time")?,
+                t,
                 center: Vector2::new(
                     required(number(Quantity::X, "x_px"), "x_px")?,
                     required(number(Quantity::Y, "y_px"), "y_px")?,

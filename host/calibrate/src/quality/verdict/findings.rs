@@ -35,7 +35,8 @@ pub(super) fn findings_on(
     sensor: Sensor,
     settings: &VerdictSettings,
 ) -> Vec<Finding> {
-    let mut findings = Vec::from_iter(uncertain(quality, settings));
+    let more = if events.is_some() { "record longer" } else { "take more views" };
+    let mut findings = Vec::from_iter(uncertain(quality, more, settings));
     findings.extend(views(&quality.coverage));
     findings
         .extend(events.and_then(|events| radius(&events.radius?, events.board.evidence.as_ref(), board.circles()?)));
@@ -109,7 +110,8 @@ fn saturated(events: &EventQuality) -> Option<Finding> {
     Some(Finding { cause: Cause::Saturated, severity, reason, advice })
 }
 
-fn uncertain(quality: &Quality, settings: &VerdictSettings) -> Option<Finding> {
+/// Finds a bound that is too large; `more` is what a longer recording is called.
+fn uncertain(quality: &Quality, more: &str, settings: &VerdictSettings) -> Option<Finding> {
     let bound = quality.projection.rms_95;
     let severity = if bound > POOR * settings.good {
         Severity::Failure
@@ -122,7 +124,9 @@ fn uncertain(quality: &Quality, settings: &VerdictSettings) -> Option<Finding> {
         cause: Cause::Uncertain,
         severity,
         reason: format!("the projection is only known to {bound:.2} px"),
-        advice: "record longer, with the board near, tilted to all sides and in every corner of the image".into(),
+        advice: Advice::Plain(format!(
+            "{more}, with the board near, tilted to all sides and in every corner of the image"
+        )),
     })
 }
 

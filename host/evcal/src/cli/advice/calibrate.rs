@@ -130,11 +130,14 @@ fn about_calibration(error: &CalibrateError) -> Option<String> {
         CalibrateError::LargerBoard(larger) => return Some(format!("use --board {}", larger.board)),
         CalibrateError::ImpossibleValues => "change the values of --fix",
         CalibrateError::FixedFarOff => "leave out --fix",
-        CalibrateError::OnlyFrames { .. } => "give the recording of events first, and the frames with --with",
+        CalibrateError::OnlyFrames { .. } => {
+            "add --frames-only, or give a recording of events first and the frames with --with"
+        }
         CalibrateError::Views(none) => return Some(about_views(&none.reason).to_owned()),
         CalibrateError::BlinkingWithFrames { .. } => {
             "leave out --joint-frames or --with-frames: evcal then calibrates from the views"
         }
+        CalibrateError::BoardOfPictures => "leave out --fix and --free of the board",
         CalibrateError::NoPictures { .. } => "record with --frames, or leave out the option that needs frames",
         _ => return None,
     };

@@ -11,6 +11,7 @@ use evcal_files::output::OutputError;
 use event_recordings::convert::ConvertError;
 use event_recordings::encode::WriteError;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
+use event_recordings::image_folder::{TABLE, is_image};
 use event_recordings::text::LineError;
 use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, UnsupportedFormat, Usable};
 use usb_davis::capture::CaptureError;
@@ -94,7 +95,9 @@ const MOST_NAMED: usize = 3;
 fn one_of(recordings: &[String]) -> String {
     let named: Vec<&str> = recordings.iter().take(MOST_NAMED).map(String::as_str).collect();
     let more = if recordings.len() > MOST_NAMED { " …" } else { "" };
+    let is_of_images = |name: &String| name == TABLE || is_image(Path::new(name));
     match named.is_empty() {
+        false if recordings.iter().all(is_of_images) => "to calibrate from images, add --frames-only".to_owned(),
         true => "give the recording in it".to_owned(),
         false => format!("give the recording in it ({}{more})", named.join(", ")),
     }
