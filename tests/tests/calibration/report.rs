@@ -6,7 +6,7 @@ use std::path::Path;
 
 use evcal_tests::{BOARD, read_json, session_calibration, succeed, text};
 
-const LARGEST: usize = 5_000_000;
+const LARGEST: usize = 2_000_000;
 
 fn report(folder: &Path) -> String {
     fs::read_to_string(folder.join("report.html")).expect("calibrate writes report.html")

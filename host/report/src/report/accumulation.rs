@@ -66,7 +66,7 @@ impl Accumulation {
     }
 
     /// Returns a picture that is white without events and takes on the colours [`ON`] and [`OFF`] with the number of events.
-    fn picture(&self, scale: usize) -> Picture {
+    fn picture(&self, scale: f64) -> Picture {
         let full = self.brightest(Polarity::On).max(self.brightest(Polarity::Off)).max(1.0);
         let share = |count: u32| (f64::from(count) / full).sqrt().min(1.0);
         Picture::of_sensor(self.size, scale, |place| {
@@ -123,12 +123,12 @@ pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let (on_sensor, on_board) = rayon::join(
         || {
             figure(
-                &sensor.picture(scale(calibrated.sensor).min(2)),
+                &sensor.picture(scale(calibrated.sensor).min(2.0)),
                 "Events of the whole recording on the sensor: blurred.",
                 "On the sensor.",
             )
         },
-        || figure(&board.picture(1), "The same events on the board: the edges of its print.", "On the board."),
+        || figure(&board.picture(1.0), "The same events on the board: the edges of its print.", "On the board."),
     );
     let content = html! {
         p {

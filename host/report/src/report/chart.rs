@@ -212,6 +212,17 @@ pub fn cells_of_grid(points: &[([f64; 2], Option<f64>)], columns: usize, rows: u
 /// Left, top, right and bottom (px) of a cell of a map, and its value; `None` without data.
 pub type Cell = ([f64; 4], Option<f64>);
 
+/// Number of steps of a map's colours.
+const SHADES: f64 = 48.0;
+/// Difference between the sides of neighbouring cells (px).
+const ROUNDING: f64 = 1e-6;
+
+/// Cells of one colour: left, top, right and bottom (px).
+struct Area {
+    sides: [f64; 4],
+    color: RGBColor,
+}
+
 /// A map of the sensor in cells.
 pub struct SensorMap {
     /// Alternative text for screen readers.
@@ -248,6 +259,29 @@ impl SensorMap {
         }
     }
 
+    /// Returns the cells in one of [`SHADES`] colours; neighbours of one colour in a row are one area.
+    fn areas(&self) -> Vec<Area> {
+        let span = self.range.end - self.range.start;
+        let mut areas: Vec<Area> = Vec::new();
+        for &(sides, value) in &self.cells {
+            let color = value.map_or(NOTHING, |value| {
+                let shade = ((value - self.range.start) / span * SHADES).round() / SHADES;
+                let [red, green, blue] = self.palette.color(shade);
+                RGBColor(red, green, blue)
+            });
+            let [left, top, right, bottom] = sides;
+            match areas.last_mut() {
+                Some(last)
+                    if last.color == color && last.sides[1] == top && (last.sides[2] - left).abs() < ROUNDING =>
+                {
+                    last.sides[2] = right;
+                }
+                _ => areas.push(Area { sides: [left, top, right, bottom], color }),
+            }
+        }
+        areas
+    }
+
     fn exceeds_scale(&self) -> bool {
         self.cells.iter().any(|cell| cell.1.is_some_and(|value| value > self.range.end))
     }
@@ -273,12 +307,7 @@ impl SensorMap {
             .x_label_formatter(&label)
             .y_label_formatter(&|value| label(&-value))
             .draw()?;
-        let span = self.range.end - self.range.start;
-        chart.draw_series(self.cells.iter().map(|([left, top, right, bottom], value)| {
-            let color = value.map_or(NOTHING, |value| {
-                let [red, green, blue] = self.palette.color((value - self.range.start) / span);
-                RGBColor(red, green, blue)
-            });
+        chart.draw_series(self.areas().iter().map(|Area { sides: [left, top, right, bottom], color }| {
             let inside = |value: f64, size: f64| value.clamp(-0.5, size - 0.5);
             let corners =
                 [(inside(*left, width), -inside(*top, height)), (inside(*right, width), -inside(*bottom, height))];
@@ -301,6 +330,31 @@ impl SensorMap {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn neighbours_of_one_colour_are_one_area() {
+        let points: Vec<([f64; 2], Option<f64>)> = (0..40)
+            .map(|index| {
+                let (column, row) = (f64::from(index % 10), f64::from(index / 10));
+                ([column * 5.0, row * 5.0], (index != 17).then_some(if column < 6.0 { 0.101 } else { 0.9 }))
+            })
+            .collect();
+        let map = SensorMap {
+            description: String::new(),
+            sensor: Sensor::new(50, 20),
+            cells: cells_of_grid(&points, 10, 4),
+            range: 0.0..1.0,
+            palette: Palette::Amount,
+            unit: "px",
+            arrows: Vec::new(),
+        };
+        let areas = map.areas();
+        // Two colours in each of four rows, and a cell without data within one of them.
+        assert_eq!(areas.len(), 2 * 4 + 2);
+        let size = |[left, top, right, bottom]: [f64; 4]| (right - left) * (bottom - top);
+        let of_areas: f64 = areas.iter().map(|area| size(area.sides)).sum();
+        assert!((of_areas - map.cells.iter().map(|cell| size(cell.0)).sum::<f64>()).abs() < 1e-9);
+    }
 
     #[test]
     fn labels_have_no_needless_digits() {

@@ -1,6 +1,7 @@
 //! Pictures of windows: their events, the detected circles, and the board as the calibration projects it.
 
 use evcal_core::sensor::Sensor;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
 
@@ -17,7 +18,7 @@ use evcal_geometry::board::Board;
 use event_recordings::pictures::GreyImage;
 
 /// Picture pixels along each side of a sensor pixel, for pictures in files of their own.
-const SCALE: usize = 3;
+const SCALE: f64 = 3.0;
 /// Colour of a pixel without events.
 pub const WHITE: [u8; 3] = [255, 255, 255];
 /// Colour of ON events: blue, as in the style sheets of the report and of the live page.
@@ -31,7 +32,7 @@ const ROW_LINE: [u8; 3] = [210, 40, 190];
 const MODEL: [u8; 3] = [0, 150, 70];
 
 /// An RGB picture.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     /// Columns.
     pub width: usize,
@@ -40,21 +41,22 @@ pub struct Picture {
     /// Three bytes per pixel, row by row.
     pub rgb: Vec<u8>,
     /// Picture pixels along each side of a sensor pixel.
-    scale: usize,
+    scale: f64,
 }
 
 impl Picture {
     /// Creates a white picture with `scale` x `scale` pixels for each pixel of the sensor.
-    pub fn new(sensor: Sensor, scale: usize) -> Self {
-        let (width, height) = (usize::from(sensor.width) * scale, usize::from(sensor.height) * scale);
+    pub fn new(sensor: Sensor, scale: f64) -> Self {
+        let side = |pixels: u16| (f64::from(pixels) * scale).round() as usize;
+        let (width, height) = (side(sensor.width), side(sensor.height));
         Self { width, height, rgb: WHITE.repeat(width * height), scale }
     }
 
     /// Creates a picture with the colours that `color` returns for positions on the sensor (px).
-    pub fn of_sensor(sensor: Sensor, scale: usize, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
+    pub fn of_sensor(sensor: Sensor, scale: f64, color: impl Fn(Vector2<f64>) -> [u8; 3] + Sync) -> Self {
         let mut picture = Self::new(sensor, scale);
         let row_bytes = 3 * picture.width.max(1);
-        let place = |index: usize| (index as f64 + 0.5) / scale as f64 - 0.5;
+        let place = |index: usize| (index as f64 + 0.5) / scale - 0.5;
         picture.rgb.par_chunks_mut(row_bytes).enumerate().for_each(|(row, pixels)| {
             for (column, pixel) in pixels.as_chunks_mut::<3>().0.iter_mut().enumerate() {
                 *pixel = color(Vector2::new(place(column), place(row)));
@@ -75,7 +77,7 @@ impl Picture {
 
     /// Draws a line between two points in sensor pixels.
     pub fn line(&mut self, from: Vector2<f64>, to: Vector2<f64>, color: [u8; 3]) {
-        let scale = self.scale as f64;
+        let scale = self.scale;
         let steps = ((to - from).norm() * scale).ceil().clamp(1.0, 1e4) as usize;
         for step in 0..=steps {
             let point = from + (to - from) * (step as f64 / steps as f64);
@@ -111,9 +113,14 @@ impl Picture {
 
     /// Fills a pixel of the sensor.
     fn pixel(&mut self, x: usize, y: usize, color: [u8; 3]) {
-        for row in 0..self.scale {
-            for column in 0..self.scale {
-                self.set((x * self.scale + column) as f64, (y * self.scale + row) as f64, color);
+        let side = |pixel: usize| {
+            let start = |pixel: usize| (pixel as f64 * self.scale).round() as usize;
+            start(pixel)..start(pixel + 1)
+        };
+        let (columns, rows) = (side(x), side(y));
+        for row in rows {
+            for column in columns.clone() {
+                self.set(column as f64, row as f64, color);
             }
         }
     }
@@ -160,27 +167,65 @@ impl Picture {
     /// # Errors
     /// [`FileError`] if the file cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), FileError> {
-        evcal_files::write_with(path, |file| self.encode_png(file, png::Compression::default()))
+        evcal_files::write_with(path, |file| self.encode_png(file))
     }
 
-    /// Returns the picture as PNG.
+    /// Returns the picture as a small PNG for a page: each channel keeps as many levels as leave a palette of 256 colours.
     ///
     /// # Errors
     /// The picture is too large for PNG.
     pub fn to_png(&self) -> io::Result<Vec<u8>> {
+        let (palette, indices) = [255, 63, 31, 15, 7]
+            .into_iter()
+            .find_map(|levels| self.indexed(levels))
+            .ok_or_else(|| io::Error::other("more than 256 colours"))?;
         let mut bytes = Vec::new();
-        self.encode_png(&mut bytes, png::Compression::Fast)?;
+        let mut encoder = self.encoder(&mut bytes)?;
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_palette(palette);
+        encoder.set_filter(png::Filter::NoFilter);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&indices)?;
+        writer.finish()?;
         Ok(bytes)
     }
 
-    fn encode_png(&self, to: impl io::Write, compression: png::Compression) -> io::Result<()> {
-        let size = |length: usize| u32::try_from(length).map_err(io::Error::other);
-        let mut encoder = png::Encoder::new(to, size(self.width)?, size(self.height)?);
+    /// Returns palette and indices of the picture with channels in steps of 255 / `levels`; `None` with more than 256 colours.
+    fn indexed(&self, levels: u16) -> Option<(Vec<u8>, Vec<u8>)> {
+        let step = |channel: u8| {
+            let level = (u16::from(channel) * levels + 127) / 255;
+            u8::try_from((level * 255 + levels / 2) / levels).unwrap_or(u8::MAX)
+        };
+        let mut palette: Vec<u8> = Vec::new();
+        let mut known: BTreeMap<[u8; 3], u8> = BTreeMap::new();
+        let mut indices = Vec::with_capacity(self.rgb.len() / 3);
+        for pixel in self.rgb.as_chunks::<3>().0 {
+            let color = pixel.map(step);
+            let index = match known.get(&color) {
+                Some(&index) => index,
+                None => {
+                    let index = u8::try_from(known.len()).ok()?;
+                    known.insert(color, index);
+                    palette.extend(color);
+                    index
+                }
+            };
+            indices.push(index);
+        }
+        Some((palette, indices))
+    }
+
+    fn encode_png(&self, to: impl io::Write) -> io::Result<()> {
+        let mut encoder = self.encoder(to)?;
         encoder.set_color(png::ColorType::Rgb);
-        encoder.set_compression(compression);
         let mut writer = encoder.write_header()?;
         writer.write_image_data(&self.rgb)?;
         Ok(writer.finish()?)
+    }
+
+    fn encoder<W: io::Write>(&self, to: W) -> io::Result<png::Encoder<'static, W>> {
+        let size = |length: usize| u32::try_from(length).map_err(io::Error::other);
+        Ok(png::Encoder::new(to, size(self.width)?, size(self.height)?))
     }
 }
 
@@ -245,10 +290,11 @@ mod tests {
         let pixels = [EventPixel::new(&event)];
         let circles = [(Vector2::new(20.0, 15.0), 4.0)];
         let picture = circle_picture(WindowContent::Events(&pixels), &circles, Sensor::new(40, 30));
-        let at = |x: usize, y: usize| &picture.rgb[3 * (y * picture.width + x)..][..3];
-        assert_eq!(at(5 * SCALE + 1, 7 * SCALE + 1), ON);
-        assert_eq!(at((24.5 * SCALE as f64) as usize, (15.5 * SCALE as f64) as usize), FOUND);
-        assert_eq!(at(0, 0), WHITE);
+        let at =
+            |x: f64, y: f64| &picture.rgb[3 * ((y * SCALE) as usize * picture.width + (x * SCALE) as usize)..][..3];
+        assert_eq!(at(5.4, 7.4), ON);
+        assert_eq!(at(24.5, 15.5), FOUND);
+        assert_eq!(at(0.0, 0.0), WHITE);
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("picture.png");
         picture.write_png(&path).unwrap();
@@ -257,5 +303,26 @@ mod tests {
         let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut bytes).unwrap();
         assert_eq!(bytes, picture.rgb);
+    }
+
+    /// Reads a PNG as red, green and blue.
+    fn decoded(png: &[u8]) -> Vec<u8> {
+        let mut decoder = png::Decoder::new(io::Cursor::new(png));
+        decoder.set_transformations(png::Transformations::EXPAND);
+        let mut reader = decoder.read_info().unwrap();
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut bytes).unwrap();
+        bytes
+    }
+
+    #[test]
+    fn pictures_of_few_colours_are_exact_and_others_have_fewer_levels() {
+        let few = Picture::of_sensor(Sensor::new(200, 90), 1.5, |place| [place.x as u8, 40, 200]);
+        assert_eq!((few.width, few.height), (300, 135));
+        assert_eq!(decoded(&few.to_png().unwrap()), few.rgb);
+        let many = Picture::of_sensor(Sensor::new(256, 256), 1.0, |place| [place.x as u8, place.y as u8, 30]);
+        let shown = decoded(&many.to_png().unwrap());
+        let largest = many.rgb.iter().zip(&shown).map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(largest.is_some_and(|largest| (1..=9).contains(&largest)), "{largest:?}");
     }
 }

@@ -81,9 +81,12 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     Some(Section { id: "frames", title: "Example frames", folded: true, content })
 }
 
-/// Returns the number of picture pixels along each side of a sensor pixel.
-pub fn scale(sensor: Sensor) -> usize {
-    usize::from(WIDEST / sensor.width.max(1)).clamp(1, 4)
+/// Returns the number of picture pixels along each side of a sensor pixel: a whole number, or the picture shows every second pixel.
+pub fn scale(sensor: Sensor) -> f64 {
+    match WIDEST / sensor.width.max(1) {
+        0 => 0.5,
+        scale => f64::from(scale.min(4)),
+    }
 }
 
 fn seen_figure(calibrated: &Calibrated, board: &Board, posed: &PosedFrame, frame: &ReferenceFrame) -> Markup {

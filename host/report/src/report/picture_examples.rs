@@ -138,7 +138,7 @@ fn carried(calibrated: &Calibrated, board: &Board, shown: &[Shown]) -> Picture {
         let (sum, count) = seen.fold((0.0, 0), |(sum, count), grey| (sum + grey, count + 1));
         *mean = (count > 0).then(|| sum / f64::from(count));
     });
-    Picture::of_sensor(frame.size, 1, |place| {
+    Picture::of_sensor(frame.size, 1.0, |place| {
         let index = place.y.round().max(0.0) as usize * width + place.x.round().max(0.0) as usize;
         means.get(index).copied().flatten().map_or(BEYOND, |grey: f64| [grey.round() as u8; 3])
     })
