@@ -91,9 +91,18 @@ impl Input {
         }
     }
 
-    /// Returns `true` if these are circles in frames so far apart in time that no trajectory connects them.
+    /// Returns `true` if these are circles in frames so far apart in time that no trajectory connects them, each frame seen at one moment.
     pub fn has_only_views(&self) -> bool {
         let Self::Circles { frames, .. } = self else { return false };
+        let at_one_moment = |frame: &ReferenceFrame| {
+            frame
+                .circles
+                .windows(2)
+                .all(|pair| pair.first().map(|circle| circle.t) == pair.last().map(|circle| circle.t))
+        };
+        if !frames.iter().all(at_one_moment) {
+            return false;
+        }
         let mut gaps: Vec<f64> =
             frames.windows(2).filter_map(|pair| Some(pair.last()?.t() - pair.first()?.t())).collect();
         median(&mut gaps, f64::total_cmp).is_some_and(|gap| gap > MOST_BETWEEN_CIRCLES)
