@@ -32,7 +32,7 @@ use evcal_geometry::board::Board;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_report::output::folder::{FOLDERS, is_result};
-use event_recordings::image_folder::Stamps;
+use event_recordings::image_folder::{ImageFolder, Stamps};
 use event_recordings::images::Images;
 use event_recordings::{Recording, RecordingOptions};
 
@@ -465,7 +465,7 @@ fn check_others(
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     let mut known: Vec<(PathBuf, Option<&str>)> = recordings.iter().map(|path| (place(path), own)).collect();
     for (other, stream) in others.with_streams() {
-        if stream.is_some() && other.is_dir() {
+        if stream.is_some() && other.is_dir() && ImageFolder::has_table(other) {
             let folder = visible::path(other);
             return Err(UsageError(format!("{folder} is a folder of images and has no streams: leave out --with-stream, or put the folder after the other files of --with")).into());
         }
