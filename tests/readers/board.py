@@ -1,8 +1,9 @@
-"""Measures dots on rendered sheets with OpenCV.
+"""Measures dots, rulers and the QR code on rendered sheets with OpenCV.
 
-Standard input is a JSON list of {"file", "layout", "columns", "rows"}: a grey picture of a sheet. Standard output is a
-JSON list of {"width", "height", "centers", "radii"}: the size of the picture, centres of the dots in the order of
-findCirclesGrid and their radii, in pixels, (0, 0) being the corner of the picture.
+Standard input is a JSON list of {"file", "layout", "columns", "rows", "rulers"}: a grey picture of a sheet, and for each ruler the
+axis along which it lies and the pixels of its ends. Standard output is a JSON list of {"width", "height", "centers", "radii", "code",
+"rulers"}: the size of the picture, centres of the dots in the order of findCirclesGrid and their radii, in pixels, (0, 0) being the
+corner of the picture, the text of the QR code, and the length of each ruler in pixels. Without a layout, no dots are searched.
 """
 
 import json
@@ -12,9 +13,42 @@ import cv2
 import numpy as np
 
 
+def decoded(picture):
+    """Returns the text of the only QR code, which is at the bottom right."""
+    height, width = picture.shape
+    corner = picture[height * 3 // 4 :, width * 2 // 3 :]
+    # The detector wants modules of several pixels.
+    for scale in (1, 2, 3, 4):
+        enlarged = cv2.resize(corner, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        text, _, _ = cv2.QRCodeDetector().detectAndDecode(enlarged)
+        if text:
+            return text
+    return ""
+
+
+def length(picture, axis, start, end):
+    """Returns the distance of the two end lines of a ruler, each searched within 3 % of the length around its place."""
+    ink = 1 - picture.astype(float) / 255
+    around = int(0.03 * (end[axis] - start[axis]))
+
+    def line(place):
+        x, y = int(place[0]), int(place[1])
+        # The ends of the ticks, beyond the ticks between them.
+        strip = ink[y, x - around : x + around] if axis == 0 else ink[y - around : y + around, x]
+        places = np.arange(len(strip)) + 0.5 + (x, y)[axis] - around
+        return (strip * places).sum() / strip.sum()
+
+    return float(line(end) - line(start))
+
+
 def measure(task):
     picture = cv2.imread(task["file"], cv2.IMREAD_GRAYSCALE)
     assert picture is not None, task["file"]
+    height, width = picture.shape
+    measured = {"width": width, "height": height, "code": decoded(picture)}
+    measured["rulers"] = [length(picture, *ruler) for ruler in task["rulers"]]
+    if task["layout"] not in ("acircles", "circles"):
+        return measured
     parameters = cv2.SimpleBlobDetector_Params()
     parameters.minArea, parameters.maxArea = 300, 1e6
     parameters.minDistBetweenBlobs = 5
@@ -35,8 +69,7 @@ def measure(task):
         area = patch.sum()
         centers.append([left + 0.5 + (patch * columns).sum() / area, top + 0.5 + (patch * rows).sum() / area])
         radii.append(float(np.sqrt(area / np.pi)))
-    height, width = picture.shape
-    return {"width": width, "height": height, "centers": centers, "radii": radii}
+    return measured | {"centers": centers, "radii": radii}
 
 
 json.dump([measure(task) for task in json.load(sys.stdin)], sys.stdout)

@@ -10,7 +10,7 @@ use evcal_core::camera::ModelKind;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::CircleBoard;
-use event_recordings::TimeUnit;
+use event_recordings::{RecordingOptions, TimeUnit};
 
 use crate::detection::NoPattern;
 use crate::detection::no_board::only_one_polarity;
@@ -73,6 +73,8 @@ pub enum Advice {
     Calibrate {
         /// The recording.
         recording: PathBuf,
+        /// The options with which it is read.
+        options: RecordingOptions,
         /// The board in it.
         board: String,
     },

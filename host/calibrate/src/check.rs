@@ -182,7 +182,7 @@ pub fn check(
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (pixels, slots) = count_events(&searched, sensor)?;
             (repeated, rounded, silent) = (pixels.repeated, pixels.rounded, pixels.silent);
-            let searched = SearchedRecording { parts: &searched, whole: &read, duration: end, beginning: &beginning };
+            let searched = SearchedRecording { parts: &searched, whole: &read, duration: end };
             Some(match search_still_views(&read, sensor, board, settings, pictures)? {
                 // Few views are enough, because the camera may have been carried between them.
                 Some(views) if views.at_rest >= LEAST_TIME || views.seen.found >= FEWEST_VIEWS as u64 => views.seen,
@@ -253,8 +253,6 @@ struct SearchedRecording<'a> {
     whole: &'a Recording,
     /// Its duration (µs).
     duration: i64,
-    /// Its beginning.
-    beginning: &'a Recording,
 }
 
 /// Returns the diagnosis of its pixels, and the number of time slots with events.
@@ -275,7 +273,7 @@ fn slot(event: &Event) -> i64 {
 
 /// Searches for the board, or for circles.
 fn search_for_board(
-    SearchedRecording { parts, whole, duration, beginning }: SearchedRecording,
+    SearchedRecording { parts, whole, duration }: SearchedRecording,
     sensor: Sensor,
     slots_with_events: usize,
     board: Option<&Board>,
@@ -317,7 +315,7 @@ fn search_for_board(
     };
     let failure = match board {
         Some(board) if report.found == 0 => {
-            let other = find_other_board(beginning, sensor, board, settings)?;
+            let other = find_other_board(whole, sensor, board, settings)?;
             Some(BoardFailure::NoPattern(report.no_pattern(settings, other)))
         }
         Some(Board::Circles(board)) => match &content {
@@ -327,7 +325,8 @@ fn search_for_board(
         Some(Board::Squares(_)) | None => None,
     };
     let recognised = match board {
-        None => find_board(beginning, sensor, settings)?,
+        // As a calibration recognises it: 4 million events of a large sensor may be too short.
+        None => find_board(whole, sensor, settings)?,
         Some(_) => None,
     };
     Ok(Seen {

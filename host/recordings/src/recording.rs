@@ -20,6 +20,7 @@ use crate::memory::{self, MemoryDecoder};
 use crate::options::{RecordingOptions, TimeUnit};
 use crate::pictures::TimedImage;
 use crate::reader::{Decode, EventReader};
+use crate::ros;
 
 /// Longest wait for the first [`HEAD_LENGTH`] bytes of a recording that is still being written.
 const BEGINNING: Duration = Duration::from_secs(1);
@@ -53,6 +54,7 @@ impl Recording {
     /// format.
     pub fn new(path: impl Into<PathBuf>, options: RecordingOptions) -> Result<Self, RecordingError> {
         let path = path.into();
+        let path = ros::folder_of(&path).unwrap_or(path);
         let format = format_of(&path)?;
         if let Some(option) = format.uses.unused(&options) {
             let kind = RecordingErrorKind::NoEffect { option, format: format.name };

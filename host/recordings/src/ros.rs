@@ -33,7 +33,7 @@ mod write;
 
 pub use bag::FORMAT as BAG_FORMAT;
 pub use db3::FORMAT as DB3_FORMAT;
-pub use folder::{FORMAT as FOLDER_FORMAT, is_bag as is_folder};
+pub use folder::{FORMAT as FOLDER_FORMAT, folder_of, is_bag as is_folder};
 pub use images::ImageTopic;
 pub use mcap::FORMAT as MCAP_FORMAT;
 #[cfg(feature = "hdf5")]

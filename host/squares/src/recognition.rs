@@ -249,8 +249,10 @@ fn recognise_checkerboard(moments: &[Vec<Picture>], lattices: &[Vec<SeenLattice>
 
 #[cfg(test)]
 mod tests {
+    use evcal_geometry::board::Board;
+    use evcal_geometry::board::sheet::{Page, board_sheet};
     use evcal_geometry::board::squares::Charuco;
-    use evcal_geometry::board::squares::raster::Rectangle;
+    use evcal_geometry::board::squares::raster::{Raster, Rectangle};
 
     use super::*;
     use crate::rendering::{View, is_dark, noisy, tag};
@@ -343,5 +345,42 @@ mod tests {
         let grey = |_, _| 0.5;
         assert_eq!(recognised(bounds, 1.6, grey), None);
         assert_eq!(recognise(&[]), None);
+    }
+
+    /// The QR code on a printed sheet is about as large as a tag of some boards.
+    #[test]
+    fn the_code_on_a_sheet_is_not_taken_for_a_tag() {
+        for (text, paper) in [
+            ("checkerboard:6x9:22mm", "a4"),
+            ("aprilgrid:3x4:40mm:0.3", "a4"),
+            ("apriltags:4x6:25mm:0.25", "a4"),
+            ("charuco:5x7:30mm:22mm:DICT_5X5_50", "a4"),
+            ("aprilgrid:6x6:35.2mm:0.3", "a3"),
+        ] {
+            let board: SquareBoard = text.parse().unwrap();
+            let page = Page { paper: paper.parse().unwrap(), margin: 10.0, typed: "--board " };
+            let sheet = board_sheet(&Board::Squares(board), &page).unwrap();
+            assert!(!sheet.code.is_empty());
+            let metres = |at: [f64; 2]| at.map(|value| 1e-3 * value);
+            let dark = sheet.rectangles.iter().chain(&sheet.code);
+            let dark: Vec<Rectangle> =
+                dark.map(|dark| Rectangle { low: metres(dark.low), high: metres(dark.high) }).collect();
+            let raster = Raster::of_dark(&dark);
+            let bounds = Rectangle { low: [0.0; 2], high: metres(sheet.size) };
+            let found = recognised(bounds, 1.3, |x, y| if raster.is_dark_at([x, y]) { 0.1 } else { 0.9 });
+            let found = found.unwrap_or_else(|| panic!("{text} is not recognised"));
+            assert_eq!(found.fitting, found.moments, "{text}");
+            let found = found.board.with_length(match board {
+                SquareBoard::Checkerboard(board) => board.square,
+                SquareBoard::Tags(grid) => grid.tag,
+                SquareBoard::Charuco(board) => board.square,
+            });
+            let kind = |board: &SquareBoard| match board {
+                // The size of markers is measured.
+                SquareBoard::Charuco(board) => format!("{} {} {}", board.rows, board.columns, board.dictionary),
+                others => others.to_string(),
+            };
+            assert_eq!(kind(&found), kind(&board));
+        }
     }
 }

@@ -14,6 +14,7 @@ mod report;
 mod second_camera;
 mod squares;
 mod stage_texts;
+mod stated_boards;
 mod uncertainty;
 mod verdicts;
 mod views;

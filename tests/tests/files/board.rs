@@ -1,8 +1,11 @@
-//! Printed boards: the PDF and SVG files are rendered by other programs, and OpenCV finds and measures the dots.
+//! Printed boards: the PDF and SVG files are rendered by other programs. OpenCV finds and measures the dots, measures the rulers and
+//! reads the QR code.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use evcal_geometry::board::sheet::{Line, Page, board_sheet};
+use evcal_geometry::board::{Board, CircleBoard};
 use evcal_tests::readers::{ask, python, run};
 use evcal_tests::{evcal, json, succeed, text};
 use serde_json::{Value, json};
@@ -11,12 +14,19 @@ use tempfile::TempDir;
 const MILLIMETRES_PER_INCH: f64 = 25.4;
 
 /// Boards, papers and resolutions (dots per inch).
-const SHEETS: [(&str, &str, &str, f64); 4] = [
+const SHEETS: [(&str, &str, &str, f64); 8] = [
     ("acircles:9x4:23mm:r7.3mm", "a4", "210x297", 300.0),
     ("acircles:4x9:13.5mm:r4mm", "letter", "279.4x215.9", 600.0),
     ("circles:5x8:33mm:r10.5mm", "a3", "420x297", 200.0),
     ("acircles:9x4:55mm:r17.5mm", "600x500mm", "500x600", 150.0),
+    ("checkerboard:6x9:22mm", "a4", "297x210", 300.0),
+    ("aprilgrid:6x6:22mm:0.3", "a4", "210x297", 300.0),
+    ("apriltags:3x4:40mm:0.25:25h9", "letter", "279.4x215.9", 300.0),
+    ("charuco:5x7:30mm:22mm:DICT_5X5_100", "a4", "297x210", 300.0),
 ];
+
+/// Distance from a ruler's line at which only its end ticks, and no numerals, are printed (mm).
+const ONLY_ENDS: f64 = 2.8;
 
 /// Renders both files as grey pictures.
 fn render(folder: &Path, index: usize, dpi: f64) -> [PathBuf; 2] {
@@ -47,9 +57,10 @@ fn opencv_finds_and_measures_the_requested_board() {
         assert_eq!(format!("{width}x{height}"), size);
         let words: Vec<&str> = board.split(':').collect();
         let (rows, columns) = words[1].split_once('x').unwrap();
+        let rulers = rulers(board, paper, dpi);
         for picture in render(folder.path(), index, dpi) {
             questions.push(json!({
-                "file": picture, "layout": words[0],
+                "file": picture, "layout": words[0], "rulers": rulers,
                 "columns": columns.parse::<u32>().unwrap(), "rows": rows.parse::<u32>().unwrap(),
             }));
             expected.push((board, dpi, report.clone()));
@@ -62,6 +73,9 @@ fn opencv_finds_and_measures_the_requested_board() {
             assert!((points - side / MILLIMETRES_PER_INCH * 72.0).abs() < 0.01, "{page}");
         }
         assert!(run("pdftotext", &[text(&pdf), "-"]).contains(&format!("--board {board}\n")));
+        // Type, encoding, embedded, subset: the viewer replaces no font.
+        let fonts = run("pdffonts", &[text(&pdf)]);
+        assert!(fonts.lines().skip(2).all(|font| font.contains(" yes ")) && fonts.lines().count() == 3, "{fonts}");
         let source = fs::read_to_string(&svg).unwrap();
         assert!(source.contains(&format!("--board {board}")) && source.contains("mm\""), "{source}");
     }
@@ -71,9 +85,32 @@ fn opencv_finds_and_measures_the_requested_board() {
     }
 }
 
+/// Returns for both rulers of a sheet the axis along which it lies, and two pixels on its end ticks.
+fn rulers(board: &str, paper: &str, dpi: f64) -> Vec<(usize, [f64; 2], [f64; 2])> {
+    let page = Page { paper: paper.parse().unwrap(), margin: 10.0, typed: "--board " };
+    let sheet = board_sheet(&board.parse::<Board>().unwrap(), &page).unwrap();
+    let pixels = |[x, y]: [f64; 2]| [x, y].map(|side| side / MILLIMETRES_PER_INCH * dpi);
+    let longest = |line: &&Line| (line.to[0] - line.from[0]).hypot(line.to[1] - line.from[1]) == sheet.ruler;
+    let of = |Line { from, to, .. }: &Line| {
+        let axis = usize::from(from[0] == to[0]);
+        let mut away = [ONLY_ENDS; 2];
+        away[axis] = 0.0;
+        let beside = |at: &[f64; 2]| pixels([at[0] + away[0], at[1] + away[1]]);
+        (axis, beside(from), beside(to))
+    };
+    sheet.lines.iter().filter(longest).map(of).collect()
+}
+
 fn check(answer: &Value, text: &str, dpi: f64, report: &Value) {
-    let board: evcal_geometry::board::CircleBoard = text.parse().unwrap();
     let pixels = |millimetres: f64| millimetres / MILLIMETRES_PER_INCH * dpi;
+    assert_eq!(answer["code"], format!("--board {text}"));
+    let lengths: Vec<f64> = serde_json::from_value(answer["rulers"].clone()).unwrap();
+    let ruler = pixels(report["ruler_mm"].as_f64().unwrap());
+    assert!(
+        lengths.len() == 2 && lengths.iter().all(|length| (length - ruler).abs() < 1.0),
+        "{text}: {lengths:?}, {ruler}"
+    );
+    let Ok(board) = text.parse::<CircleBoard>() else { return };
     let [width, height] = ["width_mm", "height_mm"].map(|side| pixels(report[side].as_f64().unwrap()));
     let size = ["width", "height"].map(|side| answer[side].as_f64().unwrap());
     assert!((size[0] - width).abs() <= 1.0 && (size[1] - height).abs() <= 1.0, "{text}: {size:?}, {width} x {height}");

@@ -6,7 +6,7 @@ use crate::detection::other_board::OtherReading;
 use crate::detection::recognised::{Recognised, find_board};
 use crate::detection::search::{SearchError, sensor_of};
 use crate::detection::settings::DetectionSettings;
-use crate::detection::stated_board::{OtherRatio, StatedBoard, compare, squares_instead_of};
+use crate::detection::stated_board::{OtherRatio, StatedBoard, compare, compare_frames, squares_instead_of};
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
 use evcal_geometry::board::squares::{CharucoLayout, TagGrid, TagOrder};
@@ -76,8 +76,9 @@ pub struct ConfirmedBoard {
     pub note: Option<String>,
 }
 
-/// Compares a stated board with some pictures of the first recording that shows it, a board of circles with some windows. If the tags of
-/// the stated board are only numbered, rotated or bordered in another way, returns the board in view.
+/// Compares a stated board with some pictures of the first recording that shows it, in its events or else in its frames; a board of
+/// circles with some windows. If the tags of the stated board are only numbered, rotated or bordered in another way, returns the board
+/// in view.
 ///
 /// # Errors
 /// [`BoardChoiceError`] if the board in view is another one.
@@ -89,11 +90,12 @@ pub fn confirm_board(
     let kept = ConfirmedBoard { board: *board, note: None };
     for recording in recordings {
         // A recording without a known sensor, or one that contains no events, is reported when it is calibrated.
-        let Ok(sensor) = sensor_of(recording) else { continue };
+        let sensor = sensor_of(recording).ok();
         let stated = match board {
             Board::Squares(stated) => stated,
             // Of several recordings, some may show nothing.
             Board::Circles(stated) if recordings.len() == 1 => {
+                let Some(sensor) = sensor else { continue };
                 match squares_instead_of(stated, recording, sensor, settings) {
                     Ok(Some(found)) => return Err(BoardChoiceError::Other { stated: *board, found }),
                     _ => continue,
@@ -101,9 +103,11 @@ pub fn confirm_board(
             }
             Board::Circles(_) => continue,
         };
-        let Ok(compared) = compare(recording, sensor, stated) else { continue };
-        match compared {
-            StatedBoard::Kept => {}
+        let of_events = sensor.and_then(|sensor| compare(recording, sensor, stated).ok());
+        let is_clear = of_events.as_ref().is_some_and(|compared| *compared != StatedBoard::Unclear);
+        let compared = if is_clear { of_events } else { compare_frames(recording, stated).ok() };
+        match compared.unwrap_or(StatedBoard::Unclear) {
+            StatedBoard::Kept | StatedBoard::Unclear => {}
             StatedBoard::DoubtfulRatio(ratio) => {
                 let note = format!("{}: measure both lengths of {stated} again", ratio_in_words(&ratio));
                 return Ok(ConfirmedBoard { note: Some(note), ..kept });

@@ -1,7 +1,5 @@
 //! The most important next step.
 
-use std::path::Path;
-
 use super::silent::silent_advice;
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
@@ -14,7 +12,7 @@ use crate::diagnosis::information::Information;
 use crate::diagnosis::rounded::Rounded;
 use crate::diagnosis::silent_lines::SilentLines;
 use crate::diagnosis::time_steps::CoarseTimes;
-use event_recordings::Recording;
+use event_recordings::{Recording, RecordingOptions};
 
 /// Share of events outside the sensor, or from hot pixels, from which advice is given.
 const FEW_EVENTS: f64 = 0.05;
@@ -79,7 +77,7 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     }
     match &checked.seen {
         None => "the sensor is larger than evcal supports".into(),
-        Some(seen) => next_of_board(checked, seen, recording.path()),
+        Some(seen) => next_of_board(checked, seen, recording),
     }
 }
 
@@ -112,7 +110,7 @@ fn advice_on_outside(information: &Information, has_columns: bool) -> Advice {
 }
 
 /// Returns advice on the board.
-fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
+fn next_of_board(checked: &Checked, seen: &Seen, recording: &Recording) -> Advice {
     let Seen { board, found, time_share: share, covered, failure, recognised, edges, exchanged, .. } = seen;
     if let Some(exchanged) = exchanged {
         return Advice::Plain(format!("{exchanged}: {}", Exchanged::ADVICE));
@@ -121,7 +119,7 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
         return failure.advice();
     }
     if seen.is_at_rest {
-        return next_at_rest(seen, path);
+        return next_at_rest(seen, recording);
     }
     if let (Some(flicker), true) = (checked.information.flicker, *share < ENOUGH) {
         return Advice::Plain(format!(
@@ -159,17 +157,22 @@ fn next_of_board(checked: &Checked, seen: &Seen, path: &Path) -> Advice {
     if checked.whole && checked.information.duration_s < SHORT {
         return "the recording is short: record 10 seconds".into();
     }
-    Advice::Calibrate { recording: path.to_owned(), board: board.clone() }
+    calibrate(recording, board)
+}
+
+fn calibrate(recording: &Recording, board: &str) -> Advice {
+    let options = RecordingOptions { growth: None, ..recording.options().clone() };
+    Advice::Calibrate { recording: recording.path().to_owned(), options, board: board.to_owned() }
 }
 
 /// Returns advice on a board that blinks.
-fn next_at_rest(seen: &Seen, path: &Path) -> Advice {
+fn next_at_rest(seen: &Seen, recording: &Recording) -> Advice {
     let Some(board) = &seen.board else {
         let name = || "something blinks in front of a camera at rest, but no board was recognised: name it".into();
         return seen.recognised.map_or_else(name, Advice::Measure);
     };
     if seen.found >= FEWEST_VIEWS as u64 {
-        return Advice::Calibrate { recording: path.to_owned(), board: board.clone() };
+        return calibrate(recording, board);
     }
     Advice::Plain(format!(
         "calibrate from {FEWEST_VIEWS} or more such views together, of one recording or many: half a second each, from all sides, near, and with the board in all corners of the image"
@@ -185,7 +188,6 @@ mod tests {
     use crate::check::check;
     use crate::detection::pictures::settings::PictureSettings;
     use crate::detection::settings::DetectionSettings;
-    use event_recordings::RecordingOptions;
 
     const DAVIS: Option<Sensor> = Some(Sensor::new(346, 260));
 

@@ -45,11 +45,16 @@ const DOUBTFUL_MARKER: f64 = 0.2;
 /// Usual ratios are multiples of 0.05; a measured one within this distance is taken for one of them.
 const USUAL: f64 = 0.02;
 
+/// Time between the frames that are compared, as a share of the time between windows of events: frames may be few.
+const FRAMES_BY_WINDOWS: i64 = 4;
+
 /// Result of the comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StatedBoard {
-    /// The pictures show the stated board, or do not show a board clearly.
+    /// The pictures show the stated board.
     Kept,
+    /// The pictures do not show a board clearly.
+    Unclear,
     /// They show it, but the ratio of its two lengths seems to be another one.
     DoubtfulRatio(OtherRatio),
     /// They show it with another ratio of its two lengths.
@@ -72,43 +77,89 @@ pub struct OtherRatio {
     pub stated: f64,
 }
 
-/// Compares the `stated` board with pictures of a recording.
+/// Compares the `stated` board with pictures made of the events of a recording.
 ///
 /// # Errors
 /// [`RecordingError`] if the recording cannot be read.
 pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> Result<StatedBoard, RecordingError> {
-    let finder = SquareFinder::new(stated);
-    let mut tags = StatedTags::new(stated);
-    let (mut moments, mut found) = (Vec::new(), 0);
-    let mut clear = None;
-    visit(recording, sensor, WINDOWS.map(|window| window * WINDOW), |Moment { pictures, .. }| {
-        match &mut tags {
+    let mut pictures = ComparedPictures::new(stated);
+    visit(recording, sensor, WINDOWS.map(|window| window * WINDOW), |moment| pictures.add(moment.pictures))?;
+    Ok(pictures.compare())
+}
+
+/// Compares the `stated` board with frames of a recording.
+///
+/// # Errors
+/// [`RecordingError`] if the recording cannot be read.
+pub fn compare_frames(recording: &Recording, stated: &SquareBoard) -> Result<StatedBoard, RecordingError> {
+    let mut pictures = ComparedPictures::new(stated);
+    let mut starts = WINDOWS.map(|window| window * WINDOW / FRAMES_BY_WINDOWS).into_iter().peekable();
+    let (mut first, mut flow) = (None, ControlFlow::Continue(()));
+    recording.visit_frames(|frame| {
+        let (Ok(image), true) = (&frame.image, flow.is_continue()) else { return };
+        let time = frame.exposure.0.saturating_sub(*first.get_or_insert(frame.exposure.0));
+        if starts.next_if(|start| time >= *start).is_some()
+            && let Some(picture) = Picture::from_bytes(image.width(), image.height(), &image.pixels)
+        {
+            flow = pictures.add(vec![picture]);
+        }
+    })?;
+    Ok(pictures.compare())
+}
+
+/// The pictures that are compared with a stated board.
+struct ComparedPictures<'a> {
+    stated: &'a SquareBoard,
+    finder: SquareFinder,
+    /// The comparison of its tags; `None` if it has no tags.
+    tags: Option<StatedTags>,
+    moments: Vec<Vec<Picture>>,
+    /// Number of moments that show a board without tags.
+    found: usize,
+    /// A comparison in which more pictures change nothing.
+    clear: Option<Comparison>,
+}
+
+impl<'a> ComparedPictures<'a> {
+    fn new(stated: &'a SquareBoard) -> Self {
+        let (finder, tags) = (SquareFinder::new(stated), StatedTags::new(stated));
+        Self { stated, finder, tags, moments: Vec::new(), found: 0, clear: None }
+    }
+
+    /// Adds the pictures of a moment. Returns `Break` if they are enough.
+    fn add(&mut self, pictures: Vec<Picture>) -> ControlFlow<()> {
+        match &mut self.tags {
             Some(tags) => {
                 tags.add(&pictures);
                 // Contradictions need all pictures, because they may show only parts of the board.
-                clear = Some(tags.compare()).filter(|it| matches!(it, Comparison::Same { .. }));
+                self.clear = Some(tags.compare()).filter(|it| matches!(it, Comparison::Same { .. }));
             }
-            None => found += usize::from(finder.find(&pictures, None).is_ok()),
+            None => self.found += usize::from(self.finder.find(&pictures, None).is_ok()),
         }
-        moments.push(pictures);
-        let is_decided = clear.is_some() || found >= 1;
-        if moments.len() >= FEWEST && is_decided { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    })?;
-    let comparison = clear.or_else(|| tags.as_ref().map(StatedTags::compare)).unwrap_or(Comparison::Unclear);
-    Ok(match comparison {
-        Comparison::Same { ratio } => of_ratio(stated, ratio),
-        Comparison::Other(other) => of_other(other, stated, moments.len()),
-        Comparison::Unclear if found > 0 => StatedBoard::Kept,
-        Comparison::Unclear => {
-            let is_found = |pictures: &&Vec<Picture>| finder.find(pictures.get(..1).unwrap_or_default(), None).is_ok();
-            if tags.is_some() && moments.iter().filter(is_found).count() >= FEWEST_FOUND {
-                return Ok(StatedBoard::Kept);
+        self.moments.push(pictures);
+        let is_decided = self.clear.is_some() || self.found >= 1;
+        if self.moments.len() >= FEWEST && is_decided { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn compare(self) -> StatedBoard {
+        let Self { stated, finder, tags, moments, found, clear } = self;
+        let comparison = clear.or_else(|| tags.as_ref().map(StatedTags::compare)).unwrap_or(Comparison::Unclear);
+        match comparison {
+            Comparison::Same { ratio } => of_ratio(stated, ratio),
+            Comparison::Other(other) => of_other(other, stated, moments.len()),
+            Comparison::Unclear if found > 0 => StatedBoard::Kept,
+            Comparison::Unclear => {
+                let is_found =
+                    |pictures: &&Vec<Picture>| finder.find(pictures.get(..1).unwrap_or_default(), None).is_ok();
+                if tags.is_some() && moments.iter().filter(is_found).count() >= FEWEST_FOUND {
+                    return StatedBoard::Kept;
+                }
+                let found = recognise(&moments).filter(|found| !differs_in_ratio_only(&found.board, stated));
+                let other = found.and_then(|found| other_squares(found, stated));
+                other.map_or(StatedBoard::Unclear, StatedBoard::Other)
             }
-            let found = recognise(&moments).filter(|found| !differs_in_ratio_only(&found.board, stated));
-            let other = found.and_then(|found| other_squares(found, stated));
-            other.map_or(StatedBoard::Kept, StatedBoard::Other)
         }
-    })
+    }
 }
 
 /// Returns `true` if only the ratio of both lengths, which is measured inaccurately, differs.

@@ -302,4 +302,18 @@ mod tests {
         assert_eq!(information.events, 2);
         assert!(information.error.unwrap().to_string().contains("line 4"));
     }
+
+    /// The largest rate over 10 ms used to be below the mean rate.
+    #[test]
+    fn a_recording_of_milliseconds_has_no_largest_rate() {
+        let of = |step: i64| {
+            let event = |index: i64| Event { t: index * step, x: 1, y: 2, polarity: Polarity::On };
+            let events = (0..=3000).map(event).collect();
+            gather_events(&Recording::from_events("events", events, RecordingOptions::default())).unwrap()
+        };
+        let (short, long) = (of(1), of(4));
+        assert_eq!(short.peak, None);
+        assert!(long.peak.is_some_and(|peak| peak.rate >= 0.8 * long.mean_rate), "{:?}", long.peak);
+        assert!(short.to_string().contains("mean 1000.333 Mev/s\n"), "{short}");
+    }
 }

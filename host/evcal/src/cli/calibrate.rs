@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use super::advice::with_advice;
 use super::settings::read_settings;
-use evcal_calibrate::calibrate::board_choice::{choose_board, confirm_board};
+use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, choose_board, confirm_board};
 use evcal_calibrate::calibrate::inertia::InertialRequest;
 use evcal_calibrate::calibrate::inertia::check_length;
 use evcal_calibrate::calibrate::input::{Input, InputError};
@@ -240,12 +240,22 @@ impl MethodArguments {
         let board = board_in(&self.board, files, options, settings)?;
         let BoardRequest::Given(board) = self.board else { return Ok(board) };
         let recordings = recordings_in(files, options)?;
-        let confirmed = confirm_board(&board, &recordings.iter().collect::<Vec<_>>(), settings)?;
-        if let Some(note) = confirmed.note {
-            print::aside(note);
-        }
-        Ok(confirmed.board)
+        Ok(confirmed(&board, &recordings.iter().collect::<Vec<_>>(), settings)?)
     }
+}
+
+/// Returns the stated board, or the board in view if its tags are only numbered, rotated or bordered in another way; prints the
+/// difference.
+pub(super) fn confirmed(
+    board: &Board,
+    recordings: &[&Recording],
+    settings: &DetectionSettings,
+) -> Result<Board, BoardChoiceError> {
+    let confirmed = confirm_board(board, recordings, settings)?;
+    if let Some(note) = confirmed.note {
+        print::aside(note);
+    }
+    Ok(confirmed.board)
 }
 
 /// Opens the files that contain events.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
 use evcal_calibrate::check::{Checked, check};
 use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::settings::Settings;
@@ -9,7 +10,7 @@ use evcal_geometry::board::request::{BoardRequest, PrintSize};
 use serde::Serialize;
 
 use super::advice::calibrate::worded;
-use super::calibrate::board_in;
+use super::calibrate::{board_in, confirmed};
 use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
 use super::{NotReady, print};
@@ -48,7 +49,12 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         None | Some(BoardRequest::Recognise(PrintSize::Unknown)) => None,
         Some(request) => {
             let files = std::slice::from_ref(&arguments.recording);
-            Some(board_in(request, files, recording.options(), &settings.detection)?)
+            let board = board_in(request, files, recording.options(), &settings.detection)?;
+            match confirmed(&board, &[&recording], &settings.detection) {
+                // The result of the check describes another board.
+                Err(BoardChoiceError::Other { .. }) => Some(board),
+                confirmed => Some(confirmed?),
+            }
         }
     };
     let checked = check(&recording, board.as_ref(), &settings.detection, &settings.frames)?;

@@ -13,7 +13,6 @@ use evcal_calibrate::detection::search::{
 };
 use evcal_calibrate::detection::settings::DetectionSettings;
 use evcal_core::circle::Extraction;
-use evcal_files::shell_word::shell_word;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_report::report::drawing::circle_picture;
 use event_recordings::Recording;
@@ -22,7 +21,7 @@ use super::calibrate::LISTENING;
 use super::circles_only::circles_of;
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
-use super::source_arguments::SourceArguments;
+use super::source_arguments::{SourceArguments, command};
 use super::{UsageError, print, value};
 
 /// Arguments of `evcal detect`.
@@ -155,9 +154,10 @@ fn print_report(arguments: &Arguments, found: &FoundCircles, tried: String, idle
     }
     text += &format!("{} circles, {} of them on boards", report.circles, report.board_circles);
     if report.found == 0 {
-        let board = arguments.board.as_ref().map_or(String::new(), |_| " with the same --board".to_owned());
-        let file = shell_word(&arguments.recording.to_string_lossy());
-        text += &format!("\nnext: run evcal check {file}{board} to see why nothing was found");
+        let board = arguments.board.as_ref().map(BoardRequest::to_string);
+        let rest: Vec<&str> = board.iter().flat_map(|board| ["--board", board]).collect();
+        let check = command("check", &arguments.recording, &arguments.source.options(), &rest);
+        text += &format!("\nnext: {check}");
     }
     print::line(text)
 }

@@ -5,8 +5,10 @@ use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use evcal_geometry::board::Board;
+use event_recordings::RecordingOptions;
 
 use super::advice::advice;
+use super::source_arguments::command;
 
 /// Adds a suggestion to an `error` in the command line `words` for mistakes that clap has no suggestion for, such as a recording instead of
 /// a subcommand, a long option with one hyphen, or a missing board.
@@ -30,7 +32,10 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
 /// A file instead of a subcommand: `evcal FILE`.
 fn file_first(error: &clap::Error) -> Option<String> {
     let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else { return None };
-    Path::new(word).exists().then(|| format!("the subcommand comes first, for example 'evcal info {word}'"))
+    Path::new(word).exists().then(|| {
+        let info = command("info", Path::new(word), &RecordingOptions::default(), &[]);
+        format!("the subcommand comes first, for example: {info}")
+    })
 }
 
 /// A command without its board: shows how to write one.

@@ -3,9 +3,13 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// Runs the program with these arguments.
+use crate::printed_commands::assert_accepted;
+
+/// Runs the program with these arguments. The program must accept the commands that it prints.
 pub fn evcal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap()
+    let output = Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap();
+    assert_accepted(&output);
+    output
 }
 
 /// Its standard error.

@@ -4,16 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
 
-use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::command::evcal;
+
 /// A lens without distortion, centred on the sensor.
 const PINHOLE: &str = "300,300,172.5,129.5,0,0,0,0";
-
-fn evcal(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_evcal")).args(arguments).output().unwrap()
-}
 
 fn code(output: &Output) -> i32 {
     output.status.code().unwrap()

@@ -14,6 +14,7 @@ mod help;
 mod live;
 mod mistakes;
 mod page;
+mod printed_commands;
 mod progress;
 mod regressions;
 mod settings_documented;

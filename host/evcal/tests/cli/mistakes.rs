@@ -8,6 +8,8 @@ use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
+use crate::command::evcal;
+
 const BOARD: &str = "acircles:9x4:55mm:r17.5mm";
 /// The recorded session, with [`BOARD`] in it.
 const FIXTURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/board/events.dvraw");
@@ -400,7 +402,7 @@ fn prepare() -> TempDir {
 
 fn run(command: &str, directory: &Path) -> Output {
     let words = command.replace("FIXTURE", FIXTURE).replace("BOARD", BOARD).replace("DIR", directory.to_str().unwrap());
-    Command::new(env!("CARGO_BIN_EXE_evcal")).args(words.split(' ')).output().unwrap()
+    evcal(&words.split(' ').collect::<Vec<_>>())
 }
 
 /// Runs each mistake, and reports all wrong answers together.

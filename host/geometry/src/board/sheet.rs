@@ -4,7 +4,9 @@
 //! along x, so that the upright print corresponds to the board's own frame as seen by a camera.
 
 mod circles;
+mod code;
 mod either;
+mod letters;
 pub mod paper;
 pub mod pdf;
 mod squares;
@@ -18,6 +20,7 @@ use evcal_core::pattern::Pattern;
 
 use crate::board::squares::raster::Rectangle;
 use crate::board::{Board, CircleBoard};
+use code::{Code, QUIET};
 use paper::{PAPERS, Paper};
 
 /// Smallest white space around the board, to the next mark or text.
@@ -30,12 +33,15 @@ const TICK_DISTANCE: f64 = 10.0;
 /// Longest ruler, within the range of a caliper.
 const LONGEST_RULER: f64 = 100.0;
 const THIN: f64 = 0.1;
-/// Size of the letters. The font is Courier, whose letters are all 0.6 times as wide as their size.
+/// Size of the letters.
 const LETTER_SIZE: f64 = 2.6;
-const LETTER_WIDTH: f64 = 0.6 * LETTER_SIZE;
+const LETTER_WIDTH: f64 = letters::ADVANCE / letters::STEPS * LETTER_SIZE;
 const LINE_HEIGHT: f64 = 3.6;
-/// Size of the numerals at the ticks of a ruler.
+/// Size of the numerals at the ticks of a ruler, their width and height, and their distance from ticks.
 const NUMERAL_SIZE: f64 = 1.8;
+const NUMERAL_WIDTH: f64 = letters::ADVANCE / letters::STEPS * NUMERAL_SIZE;
+const NUMERAL_HEIGHT: f64 = 0.6 * NUMERAL_SIZE;
+const NUMERAL_GAP: f64 = 0.5;
 /// Length of an arrow of the orientation mark.
 const ARROW: f64 = 7.0;
 /// Ratio of dot radius to spacing if no board is given: 17.5 mm to 55 mm.
@@ -102,6 +108,24 @@ pub struct Words {
     pub text: String,
 }
 
+impl Words {
+    /// Returns the corners of each stroke of the letters (mm).
+    pub fn strokes(&self) -> Vec<Vec<[f64; 2]>> {
+        let step = self.size / letters::STEPS;
+        let of_letter = |(letter, place): (char, u32)| {
+            let left = f64::from(place) * letters::ADVANCE;
+            let corner = move |[x, y]: [f64; 2]| [self.at[0] + (left + x) * step, self.at[1] - y * step];
+            letters::strokes(letter).into_iter().map(move |stroke| stroke.into_iter().map(corner).collect())
+        };
+        self.text.chars().zip(0..).flat_map(of_letter).collect()
+    }
+
+    /// Returns the width of the strokes (mm).
+    pub fn stroke_width(&self) -> f64 {
+        self.size / letters::STEPS * letters::STROKE
+    }
+}
+
 /// Paper for a board, and text below the board.
 #[derive(Clone, Copy, Debug)]
 pub struct Page<'a> {
@@ -126,6 +150,8 @@ pub struct BoardSheet {
     pub dots: Vec<Dot>,
     /// The dark rectangles of a board of squares (mm), edge to edge where they touch.
     pub rectangles: Vec<Rectangle>,
+    /// The dark modules of a QR code with the first line of text (mm).
+    pub code: Vec<Rectangle>,
     /// Rulers and orientation mark.
     pub lines: Vec<Line>,
     /// Text on the sheet.
@@ -193,17 +219,44 @@ fn largest_board<B: Printable>(board: &B, page: &Page) -> Option<B> {
 const LEFT: f64 = END_TICK + CLEARANCE;
 const TOP: f64 = LINE_HEIGHT + CLEARANCE;
 
-/// Returns the height of ruler and text between the board and the margin.
-fn bottom(lines: usize) -> f64 {
-    CLEARANCE + END_TICK + 1.0 + LINE_HEIGHT * lines as f64
+/// The strip with ruler, text and QR code between the board and the margin.
+struct Strip {
+    /// Lines of text.
+    text: Vec<String>,
+    code: Code,
+    /// Distance of the code from the margin, if the margin is narrower than the white space around a code (mm).
+    inset: f64,
+}
+
+impl Strip {
+    /// Returns the strip for a sheet with `across` mm between its margins; `None` if the code would be too large.
+    fn new(board: &impl Printable, page: &Page, ruler: f64, across: f64) -> Option<Self> {
+        let name = name(board, page);
+        let (code, inset) = (Code::of(&name)?, (QUIET - page.margin).max(0.0));
+        let text = writing(board, name, ruler, across - code.side - inset - QUIET);
+        Some(Self { text, code, inset })
+    }
+
+    /// Returns the width of the code with the white space around it (mm).
+    fn code_width(&self) -> f64 {
+        QUIET + self.code.side + self.inset
+    }
+
+    /// Returns the height of the strip with the white space below the board (mm).
+    fn height(&self) -> f64 {
+        let writing = END_TICK + 1.0 + LINE_HEIGHT * self.text.len() as f64;
+        CLEARANCE + writing.max(self.code.side + self.inset)
+    }
 }
 
 fn needed(board: &impl Printable, page: &Page) -> [f64; 2] {
     let [width, height] = board.size();
-    let first_line = name(board, page).len() as f64 * LETTER_WIDTH;
-    let inner = (width + LEFT).max(LEFT + TICK_DISTANCE).max(first_line);
-    [inner, height + TOP + bottom(writing(board, page, LONGEST_RULER, inner).len())]
-        .map(|side| side + 2.0 * page.margin)
+    let of = |across: f64| Strip::new(board, page, LONGEST_RULER, across);
+    let code_width = of(0.0).map_or(0.0, |strip| strip.code_width());
+    let first_line = name(board, page).len() as f64 * LETTER_WIDTH + code_width;
+    let inner = (width + LEFT).max(LEFT + TICK_DISTANCE + code_width).max(first_line);
+    let below = of(inner).map_or(0.0, |strip| strip.height());
+    [inner, height + TOP + below].map(|side| side + 2.0 * page.margin)
 }
 
 /// Returns the first line below the board: the description that the user types.
@@ -211,16 +264,17 @@ fn name(board: &impl Printable, page: &Page) -> String {
     format!("{}{board}", page.typed)
 }
 
-/// Returns the lines below the board, at most `width` mm wide.
-fn writing(board: &impl Printable, page: &Page, ruler: f64, width: f64) -> Vec<String> {
+/// Returns the lines below the board, the `name` first, at most `width` mm wide.
+fn writing(board: &impl Printable, name: String, ruler: f64, width: f64) -> Vec<String> {
     let sentences = format!(
-        "{} Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. If a caliper says otherwise, \
-         type what it says. evcal {}.",
+        "{} Print at 100 %, without scaling: both rulers must measure {ruler} mm between their end lines. Measure them, because \
+         programs may scale whatever this file asks (CUPS prints A4 on Letter paper at 85.5 %). If they differ, type the lengths of \
+         the board that a caliper measures. The code contains the first line. evcal {}.",
         board.lengths(),
         crate::VERSION
     );
     let most = (width / LETTER_WIDTH).floor().max(1.0) as usize;
-    let mut lines = vec![name(board, page)];
+    let mut lines = vec![name];
     let mut line = String::new();
     for word in sentences.split(' ') {
         if !line.is_empty() && line.len() + 1 + word.len() > most {
@@ -251,11 +305,12 @@ fn draw(board: &impl Printable, size: [f64; 2], page: &Page) -> Option<(BoardShe
     let across = size[0] - 2.0 * margin;
     let inner = [across - LEFT, size[1] - 2.0 * margin - TOP];
     // A shorter ruler does not need more lines of text, so the longest one is assumed here.
-    let below = bottom(writing(board, page, LONGEST_RULER, across).len());
-    let longest = inner[0].min(inner[1] - below).min(LONGEST_RULER);
+    let strip = Strip::new(board, page, LONGEST_RULER, across)?;
+    let below = strip.height();
+    let longest = (inner[0] - strip.code_width()).min(inner[1] - below).min(LONGEST_RULER);
     let ruler = (longest / TICK_DISTANCE).floor() * TICK_DISTANCE;
-    let text = writing(board, page, ruler, across);
-    let widest = text.iter().map(String::len).max().unwrap_or(0) as f64 * LETTER_WIDTH;
+    let strip = Strip { text: Strip::new(board, page, ruler, across)?.text, ..strip };
+    let widest = strip.text.iter().map(String::len).max().unwrap_or(0) as f64 * LETTER_WIDTH + strip.code_width();
     let free = [inner[0] - width, inner[1] - below - height];
     let room = free[0].min(free[1]);
     if ruler < TICK_DISTANCE || widest > across + ROUNDING || room < -ROUNDING {
@@ -268,17 +323,38 @@ fn draw(board: &impl Printable, size: [f64; 2], page: &Page) -> Option<(BoardShe
     let mark = [corner[0], corner[1] - CLEARANCE];
     lines.extend(arrow(mark));
     let base = size[1] - margin - below + CLEARANCE + END_TICK + 1.0;
-    let mut words: Vec<Words> = text
+    let code = strip.code.at(size.map(|side| side - margin - strip.inset - strip.code.side));
+    let mut words: Vec<Words> = strip
+        .text
         .into_iter()
         .zip(1..)
         .map(|(text, line)| Words { at: [margin, base + LINE_HEIGHT * f64::from(line) - 0.8], size: LETTER_SIZE, text })
         .collect();
-    words.extend(numerals(ruler, |along, half| {
-        [margin + LEFT + along - half, size[1] - margin - below + CLEARANCE + TICK + NUMERAL_SIZE]
+    let numeral = |at: [f64; 2], text: String| Words { at, size: NUMERAL_SIZE, text };
+    let base_line = size[1] - margin - below + CLEARANCE + TICK + NUMERAL_SIZE;
+    words.extend(marks(ruler).map(|(along, end)| {
+        let text = if end == End::Last { format!("{along} mm") } else { format!("{along}") };
+        let width = NUMERAL_WIDTH * text.len() as f64;
+        let left = match end {
+            End::First => NUMERAL_GAP,
+            End::Neither => -0.5 * width,
+            End::Last => -width - NUMERAL_GAP,
+        };
+        numeral([margin + LEFT + along + left, base_line], text)
     }));
-    words.extend(numerals(ruler, |along, _| [margin + TICK + 0.5, margin + TOP + along + 0.35 * NUMERAL_SIZE]));
+    words.extend(marks(ruler).flat_map(|(along, end)| {
+        // The numerals at the ends are inside, because the ticks there are longer.
+        let down = match end {
+            End::First => NUMERAL_GAP + NUMERAL_HEIGHT,
+            End::Neither => 0.5 * NUMERAL_HEIGHT,
+            End::Last => -NUMERAL_GAP,
+        };
+        let at = [margin + TICK + NUMERAL_GAP, margin + TOP + along + down];
+        let unit = (end == End::Last).then(|| numeral([at[0], at[1] - NUMERAL_SIZE], "mm".to_owned()));
+        [Some(numeral(at, format!("{along}"))), unit].into_iter().flatten()
+    }));
     words.push(Words { at: [mark[0] + ARROW + 1.5, mark[1] + 0.9], size: LETTER_SIZE, text: "x".to_owned() });
-    Some((BoardSheet { size, board: board.to_string(), ruler, dots, rectangles, lines, words }, room))
+    Some((BoardSheet { size, board: board.to_string(), ruler, dots, rectangles, code, lines, words }, room))
 }
 
 /// Returns the lines of a ruler of `length` from `start` along `direction`, the x or y axis, with ticks below it or to
@@ -300,16 +376,24 @@ fn ruler_lines(start: [f64; 2], direction: [f64; 2], length: f64) -> Vec<Line> {
     lines
 }
 
-/// Returns numerals with the length from the start (mm) at each tick of a ruler except the first and the last, whose
-/// ticks are longer. `place` returns the left end of a numeral from the length along the ruler and half the width of
-/// the numeral.
-fn numerals(length: f64, place: impl Fn(f64, f64) -> [f64; 2]) -> impl Iterator<Item = Words> {
+/// End of a ruler.
+#[derive(Clone, Copy, PartialEq)]
+enum End {
+    First,
+    Neither,
+    Last,
+}
+
+/// Returns the length from the start of a ruler to each of its ticks (mm), and the end at which the tick is.
+fn marks(length: f64) -> impl Iterator<Item = (f64, End)> {
     let ticks = (length / TICK_DISTANCE).round() as u32;
-    (1..ticks).map(move |tick| {
-        let along = f64::from(tick) * TICK_DISTANCE;
-        let text = format!("{along}");
-        let half = 0.3 * NUMERAL_SIZE * text.len() as f64;
-        Words { at: place(along, half), size: NUMERAL_SIZE, text }
+    (0..=ticks).map(move |tick| {
+        let end = match tick {
+            0 => End::First,
+            tick if tick == ticks => End::Last,
+            _ => End::Neither,
+        };
+        (f64::from(tick) * TICK_DISTANCE, end)
     })
 }
 

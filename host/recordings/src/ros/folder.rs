@@ -35,6 +35,13 @@ pub fn is_bag(path: &Path) -> bool {
     path.join(METADATA).is_file()
 }
 
+/// Returns the folder of a bag if `path` is its metadata, which users name because it is the only file that they can read.
+pub fn folder_of(path: &Path) -> Option<PathBuf> {
+    let folder = path.parent().filter(|_| path.file_name().is_some_and(|name| name == METADATA))?;
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    files(folder).is_ok().then(|| folder.to_owned())
+}
+
 /// Returns the function that opens the messages at `path`, a file or folder; `None` if it is of another kind.
 ///
 /// # Errors

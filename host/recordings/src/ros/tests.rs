@@ -485,6 +485,19 @@ fn read_folder(path: &std::path::Path) -> (Vec<Event>, crate::ReadReport, Option
     (all, reader.report().clone(), error)
 }
 
+/// Its metadata used to be read as a table of events.
+#[test]
+fn the_metadata_of_a_bag_is_read_as_its_folder() {
+    let directory = folder(&[("b_0.mcap", mcap("zstd", &messages(Wire::Cdr)))], "");
+    let whole = read_folder(directory.path());
+    assert!(!whole.0.is_empty());
+    assert_eq!(read_folder(&directory.path().join("metadata.yaml")), whole);
+    // Other metadata are not.
+    let other = tempfile::tempdir().unwrap();
+    std::fs::write(other.path().join("metadata.yaml"), "version: 5\n").unwrap();
+    assert!(read_folder(&other.path().join("metadata.yaml")).2.is_some());
+}
+
 #[test]
 fn a_split_bag_is_one_recording() {
     let array = "dvs_msgs/msg/EventArray";

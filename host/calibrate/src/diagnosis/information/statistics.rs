@@ -80,7 +80,11 @@ impl Statistics {
         }
     }
 
+    /// Returns the largest rate; `None` if the recording is shorter than a bin, because then it would be less than the mean rate.
     pub(super) fn peak(&mut self) -> Option<Peak> {
+        if self.latest - self.first? < RATE_BIN {
+            return None;
+        }
         self.close_bin();
         let (start, events) = self.fullest_bin;
         Some(Peak { rate: events as f64 / seconds(RATE_BIN), t_s: seconds(start - self.first?) })

@@ -65,14 +65,16 @@ impl Information {
     fn write_events(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let share = self.on_share.map(|share| format!(", {:.1} % ON", 100.0 * share)).unwrap_or_default();
         line(f, "events", format!("{}{share}", self.events))?;
+        let mean = self.mean_rate / 1e6;
         if let Some(Peak { rate, t_s }) = self.peak {
-            let mean = self.mean_rate / 1e6;
             let peak = rate / 1e6;
             line(
                 f,
                 "rate",
                 format!("mean {mean:.3} Mev/s, at most {peak:.3} Mev/s (over 10 ms, {t_s:.3} s after the first event)"),
             )?;
+        } else if mean > 0.0 {
+            line(f, "rate", format!("mean {mean:.3} Mev/s"))?;
         }
         if let Some(SaturatedReadout { rate, duration_s, t_s }) = self.saturation {
             let rate = rate / 1e6;

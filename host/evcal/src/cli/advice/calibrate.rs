@@ -21,12 +21,11 @@ use evcal_calibrate::picture_calibration::calibration::PictureFailure;
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::undistort::target::TargetError;
 use evcal_core::circle::Extraction;
-use evcal_files::shell_word::shell_word;
 use evcal_geometry::board::sheet::DoesNotFit;
 use evcal_geometry::board::{BoardError, BoardProblem, CircleBoardError};
 use evcal_live::page::PageError;
-use event_recordings::TimeUnit;
 
+use super::super::source_arguments::{command, short};
 use super::recordings::add_sensor;
 
 /// Returns advice about an error of evcal-calibrate, evcal-geometry or evcal-live.
@@ -83,7 +82,7 @@ pub fn worded(advice: &Advice) -> String {
         }
         Advice::NameSensor(Some(sensor)) => add_sensor(Some(*sensor)),
         Advice::NameSensor(None) => "add --sensor WIDTHxHEIGHT, the size of the camera's sensor".to_owned(),
-        Advice::NameTimeUnit(Some(unit)) => format!("add --time-unit {}", short_unit(*unit)),
+        Advice::NameTimeUnit(Some(unit)) => format!("add --time-unit {}", short(*unit)),
         Advice::CountFromZero { sensor, name_sensor: true } => {
             let without = Advice::CountFromZero { sensor: *sensor, name_sensor: false };
             format!("{without}, and {}", add_sensor(Some(*sensor)))
@@ -108,19 +107,10 @@ pub fn worded(advice: &Advice) -> String {
             about_no_pattern(error).map_or_else(|| error.to_string(), |next| format!("{error}; {next}"))
         }
         Advice::CorrectRadius(error) => format!("{error}; {}", about_radius(error)),
-        Advice::Calibrate { recording, board } => {
-            format!("evcal calibrate {} --board {board} -o calibration", shell_word(&recording.to_string_lossy()))
+        Advice::Calibrate { recording, options, board } => {
+            command("calibrate", recording, options, &["--board", board, "-o", "calibration"])
         }
         others => others.to_string(),
-    }
-}
-
-fn short_unit(unit: TimeUnit) -> &'static str {
-    match unit {
-        TimeUnit::Seconds => "s",
-        TimeUnit::Milliseconds => "ms",
-        TimeUnit::Microseconds => "us",
-        TimeUnit::Nanoseconds => "ns",
     }
 }
 

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{Scope, ScopedJoinHandle};
 
+use evcal_calibrate::calibrate::board_choice::confirm_board;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::Board;
@@ -87,7 +88,8 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
         Self { shared, thread: Some(scope.spawn(work)) }
     }
 
-    /// Ends the recording, waits for the calibration, writes and prints it. If it could not be started, calibrates now.
+    /// Ends the recording, waits for the calibration, writes and prints it. If it could not be started, or if the recordings show
+    /// another board, calibrates now.
     pub fn finish(
         mut self,
         recordings: &[PathBuf],
@@ -104,6 +106,8 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
             Err(panic) => std::panic::resume_unwind(panic),
         });
         let waiting = lock().take();
+        // The board of the session was not compared with a recording.
+        let made = made.filter(|(work, _)| is_confirmed(&work.board, recordings, settings));
         match (made, waiting) {
             (Some((work, attempt)), Some(waiting)) => work.finish(attempt, waiting, folder),
             (_, waiting) => calibrate_recordings(
@@ -124,4 +128,15 @@ impl Drop for Ahead<'_, '_> {
         self.shared.stop.store(true, Ordering::Relaxed);
         self.shared.growth.end();
     }
+}
+
+/// Returns `true` if the tags of a board are in the recordings as stated. Boards without tags cannot be mistaken for others.
+fn is_confirmed(board: &Board, recordings: &[PathBuf], settings: &Settings) -> bool {
+    let has_tags = matches!(board, Board::Squares(squares) if !squares.tags().is_empty());
+    let opened = recordings.iter().map(|path| Recording::new(path, RecordingOptions::default()));
+    let Ok(opened) = opened.collect::<Result<Vec<Recording>, _>>() else { return true };
+    let all: Vec<&Recording> = opened.iter().collect();
+    !has_tags
+        || confirm_board(board, &all, &settings.detection)
+            .is_ok_and(|confirmed| confirmed.board == *board && confirmed.note.is_none())
 }

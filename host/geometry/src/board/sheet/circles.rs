@@ -27,12 +27,12 @@ impl Printable for CircleBoard {
 
     fn lengths(&self) -> String {
         let millimetres = |metres: f64| (metres * 1e7).round() / 1e4;
-        format!(
-            "Spacing {} mm, neighbours {:.3} mm apart, dots {} mm across.",
-            millimetres(self.spacing),
-            self.neighbour_distance() * 1e3,
-            millimetres(2.0 * self.radius)
-        )
+        let (spacing, across) = (millimetres(self.spacing), millimetres(2.0 * self.radius));
+        let rows = match self.pattern.layout {
+            Layout::Asymmetric => format!("half of the {} mm between dots of a row", millimetres(2.0 * self.spacing)),
+            Layout::Symmetric => "between dots of a row".to_owned(),
+        };
+        format!("Spacing {spacing} mm, {rows}; dots {across} mm across.")
     }
 
     fn scaled(&self, spacing: f64) -> Option<Self> {

@@ -2,9 +2,12 @@
 
 use std::f64::consts::TAU;
 
+use pdf_writer::types::{LineCapStyle, LineJoinStyle, SystemInfo, UnicodeCmap};
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str, TextStr};
 
+use super::letters::{ADVANCE, STEPS, STROKE, strokes};
 use super::{BoardSheet, Dot};
+use crate::board::squares::raster::Rectangle;
 
 /// Points per millimetre.
 const POINTS: f64 = 72.0 / 25.4;
@@ -15,7 +18,7 @@ const CURVES: u32 = 8;
 /// Returns the sheet as a PDF of one page of exactly its size, with the request to viewers not to scale it for
 /// printing.
 pub fn pdf(sheet: &BoardSheet) -> Vec<u8> {
-    let [catalog, pages, page, content, font, information] = [1, 2, 3, 4, 5, 6].map(Ref::new);
+    let [catalog, pages, page, content, font, information, names] = [1, 2, 3, 4, 5, 6, 7].map(Ref::new);
     let mut pdf = Pdf::new();
     let mut root = pdf.catalog(catalog);
     root.pages(pages);
@@ -29,10 +32,52 @@ pub fn pdf(sheet: &BoardSheet) -> Vec<u8> {
     one.parent(pages).media_box(Rect::new(0.0, 0.0, width, height)).contents(content);
     one.resources().fonts().pair(letters, font);
     one.finish();
-    // A font that every viewer has.
-    pdf.type1_font(font).base_font(Name(b"Courier")).encoding_predefined(Name(b"WinAnsiEncoding"));
     pdf.stream(content, &drawing(sheet, letters));
+    embed_letters(&mut pdf, font, names);
     pdf.finish()
+}
+
+/// Codes of the characters that can be written.
+const CODES: std::ops::RangeInclusive<u8> = b' '..=b'~';
+
+/// Writes the font with the letters of the sheet, and the characters that its codes mean. The text can be copied from the sheet.
+fn embed_letters(pdf: &mut Pdf, font: Ref, names: Ref) {
+    let step = (1.0 / STEPS) as f32;
+    // A letter has the number of its code as its name, and a stream after the other objects.
+    let letters: Vec<(u8, String, Ref)> =
+        CODES.map(|code| (code, format!("c{code}"), Ref::new(names.get() + 1 + i32::from(code)))).collect();
+    let mut written = pdf.type3_font(font);
+    // The whole range of the letters, with their strokes.
+    written.bbox(Rect::new(0.0, -3.0, ADVANCE as f32, 7.0)).matrix([step, 0.0, 0.0, step, 0.0, 0.0]);
+    written.first_char(*CODES.start()).last_char(*CODES.end()).widths(CODES.map(|_| ADVANCE as f32));
+    let mut shapes = written.char_procs();
+    letters.iter().for_each(|(_, name, shape)| _ = shapes.pair(Name(name.as_bytes()), *shape));
+    shapes.finish();
+    let known = letters.iter().map(|(_, name, _)| Name(name.as_bytes()));
+    written.encoding_custom().differences().consecutive(*CODES.start(), known);
+    written.to_unicode(names);
+    written.finish();
+    let information = SystemInfo { registry: Str(b"Adobe"), ordering: Str(b"UCS"), supplement: 0 };
+    let mut characters = UnicodeCmap::<u8>::new(Name(b"Letters"), information);
+    for (code, _, shape) in letters {
+        characters.pair(code, char::from(code));
+        let mut content = Content::new();
+        content.start_color_glyph(ADVANCE as f32).set_line_width(STROKE as f32);
+        content.set_line_cap(LineCapStyle::RoundCap).set_line_join(LineJoinStyle::RoundJoin);
+        for stroke in strokes(char::from(code)) {
+            let mut corners = stroke.iter().map(|corner| corner.map(|value| value as f32));
+            let Some([x, y]) = corners.next() else { continue };
+            content.move_to(x, y);
+            match stroke.len() {
+                // A line to its own start is a dot.
+                1 => _ = content.line_to(x, y),
+                _ => corners.for_each(|[x, y]| _ = content.line_to(x, y)),
+            }
+            content.stroke();
+        }
+        pdf.stream(shape, &content.finish());
+    }
+    pdf.cmap(names, &characters.finish());
 }
 
 fn drawing(sheet: &BoardSheet, letters: Name) -> Vec<u8> {
@@ -44,10 +89,10 @@ fn drawing(sheet: &BoardSheet, letters: Name) -> Vec<u8> {
         circle(&mut content, dot, point);
         content.fill_nonzero();
     }
-    if !sheet.rectangles.is_empty() {
+    for parts in [&sheet.rectangles, &sheet.code].into_iter().filter(|parts| !parts.is_empty()) {
         // One path, because viewers show seams between parts that are filled separately.
-        for rectangle in &sheet.rectangles {
-            let ([left, top], [right, bottom]) = (point(rectangle.low), point(rectangle.high));
+        for Rectangle { low, high } in parts {
+            let ([left, top], [right, bottom]) = (point(*low), point(*high));
             content.move_to(left, top).line_to(right, top).line_to(right, bottom).line_to(left, bottom).close_path();
         }
         content.fill_nonzero();

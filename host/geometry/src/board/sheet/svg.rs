@@ -1,9 +1,10 @@
 //! A board sheet as SVG.
 
 use svg::Document;
-use svg::node::element::{Circle, Group, Line, Path, Rectangle, Text, Title};
+use svg::node::element::{Circle, Group, Line, Path, Rectangle, Title};
 
 use super::BoardSheet;
+use crate::board::squares::raster::Rectangle as Dark;
 
 /// Returns the sheet as an SVG of exactly its size; one user unit is one millimetre.
 pub fn svg(sheet: &BoardSheet) -> String {
@@ -12,13 +13,8 @@ pub fn svg(sheet: &BoardSheet) -> String {
     for dot in &sheet.dots {
         dark = dark.add(Circle::new().set("cx", dot.center[0]).set("cy", dot.center[1]).set("r", dot.radius));
     }
-    if !sheet.rectangles.is_empty() {
-        // One path, because viewers show seams between parts that are filled separately.
-        let outlines = sheet.rectangles.iter().map(|rectangle| {
-            let ([left, top], [right, bottom]) = (rectangle.low, rectangle.high);
-            format!("M{left} {top}H{right}V{bottom}H{left}Z")
-        });
-        dark = dark.add(Path::new().set("d", outlines.collect::<String>()));
+    for parts in [&sheet.rectangles, &sheet.code].into_iter().filter(|parts| !parts.is_empty()) {
+        dark = dark.add(Path::new().set("d", outlines(parts)));
     }
     let mut lines = Group::new().set("stroke", "black");
     for line in &sheet.lines {
@@ -26,11 +22,12 @@ pub fn svg(sheet: &BoardSheet) -> String {
         let drawn = Line::new().set("x1", x1).set("y1", y1).set("x2", x2).set("y2", y2);
         lines = lines.add(drawn.set("stroke-width", line.width));
     }
-    let mut words = Group::new().set("fill", "black").set("font-family", "Courier, 'Courier New', monospace");
+    let mut words = Group::new().set("fill", "none").set("stroke", "black");
+    words = words.set("stroke-linecap", "round").set("stroke-linejoin", "round");
     for line in &sheet.words {
-        let length = line.text.len() as f64 * 0.6 * line.size;
-        let text = Text::new(&line.text).set("x", line.at[0]).set("y", line.at[1]).set("font-size", line.size);
-        words = words.add(text.set("textLength", length).set("lengthAdjust", "spacingAndGlyphs"));
+        let strokes: String = line.strokes().iter().map(|stroke| polyline(stroke)).collect();
+        let drawn = Path::new().set("aria-label", line.text.as_str()).set("d", strokes);
+        words = words.add(drawn.set("stroke-width", micrometres(line.stroke_width())));
     }
     let document = Document::new()
         .set("width", format!("{width}mm"))
@@ -42,4 +39,24 @@ pub fn svg(sheet: &BoardSheet) -> String {
         .add(lines)
         .add(words);
     format!("{document}\n")
+}
+
+/// Returns the outlines of all parts as one path, because viewers show seams between parts that are filled separately.
+fn outlines(parts: &[Dark]) -> String {
+    let outline =
+        |Dark { low: [left, top], high: [right, bottom] }: &Dark| format!("M{left} {top}H{right}V{bottom}H{left}Z");
+    parts.iter().map(outline).collect()
+}
+
+/// Returns the path of a stroke; a path to its own start is a dot.
+fn polyline(stroke: &[[f64; 2]]) -> String {
+    let ends: Vec<String> = stroke.iter().map(|at| at.map(|value| micrometres(value).to_string()).join(" ")).collect();
+    match ends.as_slice() {
+        [only] => format!("M{only}L{only}"),
+        ends => format!("M{}", ends.join("L")),
+    }
+}
+
+fn micrometres(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
 }

@@ -42,7 +42,7 @@ fn nothing_overlaps_the_margin_and_marks_do_not_overlap_dots() {
             }
         }
         for words in &sheet.words {
-            let end = [words.at[0] + words.text.len() as f64 * LETTER_WIDTH, words.at[1]];
+            let end = [words.at[0] + words.text.len() as f64 * 0.6 * words.size, words.at[1]];
             assert!(inside(words.at, 0.0) && inside(end, 0.0) && words.text.is_ascii(), "{text}: {words:?}");
             let lowest = sheet.dots.iter().map(|dot| dot.center[1] + dot.radius).fold(0.0, f64::max);
             let may_be_next_to_dots = words.text == "x" || words.size == NUMERAL_SIZE;
@@ -51,6 +51,16 @@ fn nothing_overlaps_the_margin_and_marks_do_not_overlap_dots() {
                 let near = |at: [f64; 2]| (at[0] - dot.center[0]).hypot(at[1] - dot.center[1]) - dot.radius;
                 assert!(near(words.at) > 1.0 && near(end) > 1.0, "{text}: {words:?} {dot:?}");
             }
+        }
+        // The code has its white space on all sides.
+        let low = |axis: usize| sheet.code.iter().map(|dark| dark.low[axis]).fold(1e9, f64::min) - QUIET;
+        let [left, top] = [low(0), low(1)];
+        assert!(sheet.code.iter().all(|dark| inside(dark.high, 0.0)), "{text}");
+        assert!(sheet.dots.iter().all(|dot| dot.center[1] + dot.radius < top - 1.0), "{text}");
+        assert!(sheet.lines.iter().all(|line| line.to[0] <= left || line.to[1] <= top), "{text}");
+        for words in &sheet.words {
+            let right = words.at[0] + words.text.len() as f64 * 0.6 * words.size;
+            assert!(right <= left + 1e-9 || words.at[1] <= top, "{text}: {words:?}");
         }
     }
 }
@@ -64,8 +74,21 @@ fn the_first_line_of_the_sheet_is_the_text_to_type_and_rulers_have_numerals() {
     assert!(sheet.words[1].text.starts_with("Spacing 20 mm,"), "{:?}", sheet.words[1]);
     let numerals: Vec<&str> =
         sheet.words.iter().filter(|words| words.size == NUMERAL_SIZE).map(|words| words.text.as_str()).collect();
-    let ruler = ["10", "20", "30", "40", "50", "60", "70", "80", "90"];
-    assert_eq!(numerals, [ruler, ruler].concat());
+    let inner = ["0", "10", "20", "30", "40", "50", "60", "70", "80", "90"];
+    assert_eq!(numerals, [&inner[..], &["100 mm"], &inner, &["100", "mm"]].concat());
+    let all: Vec<&str> = sheet.words.iter().map(|words| words.text.as_str()).collect();
+    assert!(all.join(" ").contains("CUPS prints A4 on Letter paper at 85.5 %"), "{all:?}");
+}
+
+/// Without a margin, the code keeps its distance from the edge of the paper.
+#[test]
+fn the_code_has_white_space_at_the_edge_of_the_paper() {
+    let page = Page { margin: 0.0, ..page(paper("a4")) };
+    let sheet = board_sheet(&board("acircles:9x4:20mm:r6mm"), &page).unwrap();
+    for axis in 0..2 {
+        let high = sheet.code.iter().map(|dark| dark.high[axis]).fold(0.0, f64::max);
+        assert!((sheet.size[axis] - high - QUIET).abs() < 1e-9, "{high}");
+    }
 }
 
 #[test]
