@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use evcal_tests::lens;
 use evcal_tests::{evcal, made, read_json, text};
 
 /// Printed boards, seeds, and wrong descriptions of them: tags turned by half a turn as OpenCV draws them, numbered from the top row,
@@ -16,8 +15,8 @@ const STATED: [(&str, &str, &str); 5] = [
 ];
 
 fn simulated(board: &str, seed: &str) -> PathBuf {
-    let options = ["--board", board, "--duration", "2s", "--seed", seed, "--frames", "10"];
-    lens::RADTAN.simulation(&format!("stated-board-{seed}"), &options).join("events.aedat4")
+    let options = ["simulate", "--board", board, "--duration", "2s", "--seed", seed, "--frames", "10"];
+    made(&format!("stated-board-{seed}"), &options).join("events.aedat4")
 }
 
 /// Returns the board of a calibration.
