@@ -223,18 +223,6 @@ impl<'a> PictureSearch<'a> {
         }
     }
 
-    /// Takes frames in which another program found the board as pictures of recording number `number`.
-    pub fn take(&mut self, number: usize, frames: &[ReferenceFrame]) {
-        for (of_picture, frame) in frames.iter().enumerate() {
-            self.report.frames += 1;
-            self.report.with_board += 1;
-            self.report.dots += frame.circles.len() as u64;
-            self.report.board_dots += frame.circles.len() as u64;
-            self.frames.push(ReferenceFrame { recording: number, ..frame.clone() });
-            self.numbers.push(of_picture);
-        }
-    }
-
     /// Returns the pictures with the board in their order, and the report.
     pub fn finish(mut self) -> FoundInPictures {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
@@ -353,6 +341,9 @@ mod tests {
     use event_recordings::pictures::NoImage;
 
     use super::*;
+    use evcal_geometry::board::sheet::{BoardSheet, Dot as PrintedDot, Page, board_sheet};
+    use evcal_geometry::board::squares::raster::Rectangle;
+    use nalgebra::{Rotation3, Vector3};
 
     #[test]
     fn the_first_picture_of_each_interval_is_searched() {
@@ -373,5 +364,62 @@ mod tests {
         assert_eq!(report_of(1000, None), (3, 3));
         assert_eq!(report_of(1000, Some(0)), (4, 2));
         assert_eq!(report_of(0, None), (6, 0));
+    }
+
+    /// Returns the sheet with a board as a camera with f = 330 px sees it, tilted by `tilt`, with or without the QR code.
+    fn picture_of(sheet: &BoardSheet, with_code: bool, tilt: [f64; 3]) -> GreyImage {
+        let rotation = Rotation3::from_euler_angles(tilt[0], tilt[1], tilt[2]);
+        let middle = Vector3::new(0.5 * sheet.size[0], 0.5 * sheet.size[1], 0.0);
+        // The sheet fills the picture.
+        let distance = 330.0 * sheet.size[1] / 250.0;
+        let brightness = |x: f64, y: f64| {
+            let ray = rotation.inverse() * Vector3::new((x - 172.5) / 330.0, (y - 129.5) / 330.0, 1.0);
+            let eye = middle - rotation.inverse() * Vector3::new(0.0, 0.0, distance);
+            let at = eye - ray * (eye.z / ray.z);
+            let in_dot = |dot: &PrintedDot| (at.x - dot.center[0]).hypot(at.y - dot.center[1]) < dot.radius;
+            let in_module = |dark: &Rectangle| {
+                (dark.low[0]..dark.high[0]).contains(&at.x) && (dark.low[1]..dark.high[1]).contains(&at.y)
+            };
+            let is_dark = sheet.dots.iter().any(in_dot) || with_code && sheet.code.iter().any(in_module);
+            if is_dark { 30.0 } else { 200.0 }
+        };
+        const PARTS: usize = 4;
+        let part = |index: usize| (index as f64 + 0.5) / PARTS as f64 - 0.5;
+        let pixel = |index: usize| {
+            let (x, y) = ((index % 346) as f64, (index / 346) as f64);
+            let parts = (0..PARTS * PARTS).map(|index| brightness(x + part(index % PARTS), y + part(index / PARTS)));
+            (parts.sum::<f64>() / (PARTS * PARTS) as f64) as u8
+        };
+        GreyImage::new(346, 260, (0..346 * 260).map(pixel).collect()).unwrap()
+    }
+
+    /// The QR code on a printed sheet is as large as a dot of some boards. The same dots are found with it and without it.
+    #[test]
+    fn the_code_on_a_sheet_is_not_taken_for_a_dot() {
+        for text in ["acircles:9x4:23mm:r7.3mm", "circles:7x5:30mm:r8mm", "acircles:5x7:19mm:r6mm"] {
+            let board: Board = text.parse().unwrap();
+            let page = Page { paper: "a4".parse().unwrap(), margin: 10.0, typed: "--board " };
+            let sheet = board_sheet(&board, &page).unwrap();
+            let found = |with_code: bool| {
+                let mut search = PictureSearch::new(&board, MadeOf::Light, board.point_count(), 40.0);
+                let hand_on = |visit: &mut dyn FnMut(TimedImage)| {
+                    for (tilt, t) in
+                        [[0.0, 0.0, 0.0], [0.3, -0.2, 0.1], [-0.25, 0.3, -0.2], [0.1, 0.35, 0.3]].into_iter().zip(0..)
+                    {
+                        let image = Ok(picture_of(&sheet, with_code, tilt));
+                        visit(TimedImage { exposure: (t, t), exposure_known: true, position: (0, 0), image });
+                    }
+                    Ok::<_, std::convert::Infallible>(None)
+                };
+                let _ = search.search(0, None, hand_on);
+                let frames = search.finish().frames;
+                let places = |frame: &ReferenceFrame| -> Vec<(usize, Vector2<f64>)> {
+                    frame.circles.iter().map(|circle| (circle.index, circle.center)).collect()
+                };
+                frames.iter().map(places).collect::<Vec<_>>()
+            };
+            let (with, without) = (found(true), found(false));
+            assert!(with.len() >= 3 && with == without, "{text}: {} of 4 with, {} without", with.len(), without.len());
+        }
     }
 }
