@@ -223,6 +223,18 @@ impl<'a> PictureSearch<'a> {
         }
     }
 
+    /// Takes frames in which another program found the board as pictures of recording number `number`.
+    pub fn take(&mut self, number: usize, frames: &[ReferenceFrame]) {
+        for (of_picture, frame) in frames.iter().enumerate() {
+            self.report.frames += 1;
+            self.report.with_board += 1;
+            self.report.dots += frame.circles.len() as u64;
+            self.report.board_dots += frame.circles.len() as u64;
+            self.frames.push(ReferenceFrame { recording: number, ..frame.clone() });
+            self.numbers.push(of_picture);
+        }
+    }
+
     /// Returns the pictures with the board in their order, and the report.
     pub fn finish(mut self) -> FoundInPictures {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
