@@ -244,7 +244,31 @@ def read_mcap(path):
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         found = [message for _, _, _, message in reader.iter_decoded_messages()]
-    return of_messages(found)
+    return columns(*np.concatenate([packet(message) for message in found]).T)
+
+
+def packet(message):
+    """The events of an EventPacket in the encoding libcaer_cmp, by its public description."""
+    assert message.encoding == "libcaer_cmp"
+    high = low = x = first = on = 0
+    rows = []
+    for word in np.frombuffer(bytes(message.events), "<u2").tolist():
+        kind, content = word >> 12, word & 0xFFF
+        t = (message.time_base + (high << 12 | low) * 1000) // 1000
+        if kind == 0:
+            high = content
+        elif kind == 1:
+            low = content
+        elif kind == 2:
+            x = content & 0x7FF
+        elif kind == 3:
+            rows.append((t, x, content & 0x7FF, content >> 11))
+        elif kind == 4:
+            on, first = content >> 11, content & 0x7F8
+        elif kind == 5:
+            rows.extend((t, x, first + row, on) for row in range(8) if content >> row & 1)
+            first += 8
+    return np.array(rows)
 
 
 # Names of the programs as in the table, and their packages.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
-use evcal_files::visible;
+use evcal_files::{text, visible};
 use evcal_geometry::board::shape::BoardShape;
 use evcal_geometry::board::{Board, any_length};
 use evcal_geometry::lens::camera_file;
