@@ -76,9 +76,11 @@ test-embedded-slow: programs
 	@sh tools/embedded/test-calibration.sh
 	@sh tools/embedded/test-slow.sh
 
-# A third-party driver must accept the emulated camera. Not a part of the workspace, because it brings its own libusb.
-compatibility: setup
+# A third-party driver must accept the emulated camera; it is not a part of the workspace, because it brings its own libusb. Other
+# programs must exchange recordings with evcal as the table in docs/formats.md shows; needs the network.
+compatibility: programs
 	cargo test --manifest-path usb-davis/compatibility/Cargo.toml --release --locked
+	@sh tools/interchange/run.sh
 
 # Surprises about other programs: each script installs them anew and fails if they behave differently.
 findings:

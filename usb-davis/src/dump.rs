@@ -41,7 +41,7 @@ pub use writer::{Compression, DumpWriter};
 pub const MAGIC: &[u8; 8] = b"DVSRAW1\n";
 const INDEX_MAGIC: &[u8; 8] = b"DVSRIDX\n";
 /// Largest length of a header or record; a larger one indicates damage.
-const LENGTH_MOST: u32 = 1 << 26;
+const LENGTH_MOST: u32 = 1 << 24;
 
 /// Reason why a dump cannot be read or written.
 #[derive(Debug, thiserror::Error)]

@@ -191,7 +191,8 @@ pub struct DetectionStage<'a> {
 /// Number of chunks that are searched together.
 const CHUNKS_TOGETHER: usize = 16;
 /// The waiting chunks are searched once they contain this number of events, even if they are fewer than
-/// [`CHUNKS_TOGETHER`]. The waiting events therefore take 64 MiB and at most one more chunk.
+/// [`CHUNKS_TOGETHER`]. A chunk with more of them, 40 million per second, is divided. All events together therefore take at
+/// most 128 MiB.
 const EVENTS_TOGETHER: usize = 4 << 20;
 
 impl<'a> DetectionStage<'a> {
@@ -233,9 +234,13 @@ impl<'a> DetectionStage<'a> {
                 self.chunk_index = index;
             }
             let end = events.partition_point(|event| event.t.div_euclid(CHUNK) <= index).max(1);
-            let (now, later) = events.split_at(end);
+            let room = EVENTS_TOGETHER - (self.events.len() - self.waiting_events());
+            let (now, later) = events.split_at(end.min(room));
             self.events.extend_from_slice(now);
             events = later;
+            if end >= room {
+                self.close_chunk();
+            }
         }
     }
 

@@ -114,7 +114,8 @@ impl Settings {
     /// [`SettingsError`] if the file cannot be read or is invalid.
     pub fn read(path: &Path) -> Result<Self, SettingsError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| SettingsError::Read { file: file.clone(), error })?;
+        let text = evcal_files::text::read(path, evcal_files::text::SETTINGS)
+            .map_err(|error| SettingsError::Read { file: file.clone(), error })?;
         let parse = |error| SettingsError::Parse { file: file.clone(), error: Box::new(error) };
         let mut table: Table = toml::from_str(&text).map_err(parse)?;
         let fixed = take_fixed(&mut table).map_err(|reason| SettingsError::Fixed { file: file.clone(), reason })?;

@@ -11,6 +11,7 @@ mod set;
 pub mod shell_word;
 #[cfg(target_os = "linux")]
 mod swap;
+pub mod text;
 pub mod unfinished;
 pub mod visible;
 pub mod yaml;

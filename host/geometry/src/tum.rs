@@ -3,6 +3,7 @@
 
 use std::io::{self, BufRead, Write};
 
+use evcal_files::text::excerpt;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::timed_pose::TimedPose;
@@ -84,7 +85,7 @@ fn parse(content: &str) -> Result<TimedPose, PoseLineError> {
             .parse()
             .ok()
             .filter(|value: &f64| value.is_finite())
-            .ok_or_else(|| PoseLineError::Number(part.to_owned()))?;
+            .ok_or_else(|| PoseLineError::Number(excerpt(part).into_owned()))?;
     }
     let [t, x, y, z, i, j, k, w] = fields;
     let quaternion = Quaternion::new(w, i, j, k);

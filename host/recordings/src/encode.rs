@@ -45,6 +45,12 @@ pub enum WriteError {
         /// Time of the event, frame or sample after the jump in µs.
         time: i64,
     },
+    /// The pauses are too long together for a format that counts time in words.
+    #[error("up to {time} us, its pauses have more than 30 days together, which this format does not support")]
+    Pauses {
+        /// Time in µs of the event, frame or sample after the last pause.
+        time: i64,
+    },
     /// A camera could not have sent this data.
     #[error("a DAVIS346 could not send this: {0}")]
     Wire(#[from] EncodeError),
@@ -57,15 +63,32 @@ pub enum WriteError {
 /// disk.
 const LONGEST_JUMP: u64 = 86_400_000_000;
 
-/// Checks that a format that counts time in words can continue from the time `before` to `time` (µs).
-///
-/// # Errors
-/// [`WriteError::Jump`].
-pub fn check_jump(before: i64, time: i64) -> Result<(), WriteError> {
-    if time > before && time.abs_diff(before) > LONGEST_JUMP {
-        return Err(WriteError::Jump { before, time });
+/// Length in µs above which a jump forward is a pause. All pauses of a recording together may have 30 days.
+pub const PAUSE: u64 = 1_000_000;
+const ALL_PAUSES: u64 = 30 * LONGEST_JUMP;
+
+/// The pauses so far in a file of a format that counts time in words.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Pauses {
+    /// Length of all pauses in µs.
+    length: u64,
+}
+
+impl Pauses {
+    /// Checks that the format can continue from the time `before` to `time` (µs).
+    ///
+    /// # Errors
+    /// [`WriteError::Jump`] or [`WriteError::Pauses`].
+    pub fn check(&mut self, before: i64, time: i64) -> Result<(), WriteError> {
+        let step = if time > before { time.abs_diff(before) } else { 0 };
+        if step > LONGEST_JUMP {
+            return Err(WriteError::Jump { before, time });
+        }
+        if step > PAUSE {
+            self.length += step;
+        }
+        if self.length > ALL_PAUSES { Err(WriteError::Pauses { time }) } else { Ok(()) }
     }
-    Ok(())
 }
 
 /// Properties of a recording that are known before it is written.

@@ -10,6 +10,7 @@ use usb_davis::capture::CaptureError;
 use super::columns::LayoutError;
 use super::counted::counted;
 use super::options::{FormatOption, TimeUnit};
+use super::reader::most_events;
 use super::text::error::LineError;
 use super::unsupported_format::UnsupportedFormat;
 
@@ -93,6 +94,14 @@ pub enum RecordingErrorKind {
         event: u64,
         /// Fault of the event.
         what: String,
+    },
+    /// The file has more events than files of its size can have: its content repeats itself.
+    #[error("has more than {most} events in {bytes} bytes, which no recording has: its content is a repetition")]
+    TooManyEvents {
+        /// Largest number of events in files of this size.
+        most: u64,
+        /// Size in bytes.
+        bytes: u64,
     },
     /// A time is not valid in the unit of the file.
     #[error("event {event}: its time, {value}, is not a number or is out of range (unit: {unit})")]
@@ -262,6 +271,13 @@ impl fmt::Display for Usable {
             Self::Before => "the events before it can be used",
             Self::Around => "the events before it can be used, and the events after it if damage is skipped",
         })
+    }
+}
+
+impl RecordingErrorKind {
+    /// Creates the error of a file of this size with too many events.
+    pub(crate) fn too_many(bytes: u64) -> Self {
+        Self::TooManyEvents { most: most_events(bytes), bytes }
     }
 }
 

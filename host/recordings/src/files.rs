@@ -75,6 +75,11 @@ impl Files {
         self.states.is_empty()
     }
 
+    /// Returns the size of all files in bytes; `None` if there are none.
+    pub fn bytes(&self) -> Option<u64> {
+        (!self.is_empty()).then(|| self.states.iter().map(|(_, state)| state.bytes).sum())
+    }
+
     /// Checks that no file has changed.
     ///
     /// # Errors

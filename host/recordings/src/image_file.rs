@@ -67,6 +67,8 @@ pub enum ImageFileError {
 const MOST_BYTES: usize = 1 << 28;
 /// Highest compression ratio of Deflate.
 const DEFLATE: u64 = 1032;
+/// Largest number of samples of a JPEG (26 megapixels in colour), because its decoder needs up to 6 bytes for each.
+const JPEG_SAMPLES: u64 = 80_000_000;
 /// Largest number of pixels per byte of a JPEG: a block of 64 pixels needs at least one bit.
 const JPEG_PIXELS: u64 = 512;
 
@@ -156,8 +158,12 @@ fn read_jpeg(file: impl BufRead + Seek, length: u64) -> Result<ImageFile, ImageF
     let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
     let size = (side(size.0), side(size.1));
     check_size(size.0, size.1, JPEG_PIXELS, length)?;
+    let channels = if grey { 1 } else { 3 };
+    if u64::from(size.0).saturating_mul(size.1.into()).saturating_mul(channels) > JPEG_SAMPLES {
+        return Err(ImageFileError::Memory { size });
+    }
     let samples = decoder.decode().map_err(failed)?;
-    Ok(ImageFile { size, channels: if grey { 1 } else { 3 }, samples: Samples::Eight(samples) })
+    Ok(ImageFile { size, channels: channels as usize, samples: Samples::Eight(samples) })
 }
 
 impl ImageFile {

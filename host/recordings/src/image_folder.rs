@@ -198,8 +198,7 @@ impl ImageFolder {
         let folder = camera_folder(path)?;
         let table = folder.join(TABLE);
         let io = |error| ImageFolderError::Io { path: table.clone(), error };
-        let text = String::from_utf8(fs::read(&table).map_err(io)?)
-            .map_err(|error| io(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+        let text = evcal_files::text::table(&table).map_err(io)?;
         let entries = entries(&text, &folder.join(IMAGES)).map_err(|(line, what)| ImageFolderError::Line {
             path: table.clone(),
             line,

@@ -32,6 +32,17 @@ const MANY_OF_A_POLARITY: u64 = 1000;
 /// exceeds 2⁶¹ µs.
 const MAX_TIME: i64 = 1 << 55;
 
+/// Limit of the number of events in a file: this constant, plus [`EVENTS_PER_BYTE`] times its size. The densest encodings have
+/// 6 events per byte, and noise keeps compression from gaining a factor of 5.
+const FEWEST_ALLOWED: u64 = 1 << 24;
+const EVENTS_PER_BYTE: u64 = 32;
+
+/// Returns the largest number of events that files with this number of bytes may contain. A few kilobytes that repeat
+/// themselves would otherwise fill any memory.
+pub(crate) fn most_events(bytes: u64) -> u64 {
+    bytes.saturating_mul(EVENTS_PER_BYTE).saturating_add(FEWEST_ALLOWED)
+}
+
 /// The largest sensor width or height that can be read.
 pub const MAX_SENSOR_SIZE: u16 = Sensor::MOST_PIXELS_A_SIDE;
 
@@ -98,6 +109,8 @@ pub struct EventReader {
     ended: bool,
     pending: Option<RecordingError>,
     span: Option<Range<i64>>,
+    /// Size in bytes of the files, which limits the number of events.
+    bytes: Option<u64>,
 }
 
 /// Time of the events so far.
@@ -149,12 +162,18 @@ impl EventReader {
             ended: false,
             pending: None,
             span: None,
+            bytes: None,
         })
     }
 
     /// Limits the pass to events with times in `span`.
     pub(super) fn limited_to(self, span: Option<Range<i64>>) -> Self {
         Self { span, ..self }
+    }
+
+    /// Limits the number of events by the size of the files.
+    pub(super) fn of_size(self, bytes: Option<u64>) -> Self {
+        Self { bytes, ..self }
     }
 
     /// Returns each event as soon as it is decoded. Events that are earlier than one before them get its time.
@@ -226,6 +245,10 @@ impl EventReader {
             let mut admitted = self.order.buffer();
             let checked = self.check(&batch, &mut admitted);
             self.batch = batch;
+            let checked = checked.and_then(|()| match self.bytes {
+                Some(bytes) if self.decoded > most_events(bytes) => Err(RecordingErrorKind::too_many(bytes)),
+                _ => Ok(()),
+            });
             if let Err(kind) = checked {
                 self.ended = true;
                 self.pending = Some(RecordingError::new(&self.path, kind));

@@ -181,7 +181,8 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        let reader = EventReader::new(&self.path, self.decoder()?, &self.options)?.limited_to(self.span.clone());
+        let reader = EventReader::new(&self.path, self.decoder()?, &self.options)?;
+        let reader = reader.limited_to(self.span.clone()).of_size(self.files.bytes());
         // Events of a camera are shown as they arrive; its clock keeps them in order.
         Ok(if self.options.growth.is_some() { reader.without_delay() } else { reader })
     }

@@ -45,7 +45,7 @@ pub const FORMAT: FileFormat = FileFormat {
     ..FileFormat::of_events("text", recognise, Decoder::open)
 };
 
-/// Text with the header line `t_us,x,y,p`.
+/// Text with a title such as `t,x,y,p,us,346x260`.
 pub const OUTPUT: OutputFormat = OutputFormat {
     name: "csv",
     title: None,
@@ -288,8 +288,9 @@ fn put(event: &mut Event, column: Column, field: &[u8], layout: &Layout) -> Resu
     Ok(())
 }
 
-/// Encoder of text: a comment with the size of the sensor, the header `t_us,x,y,p`, and one line per event with these
-/// columns (time in microseconds; polarity 1 is ON, 0 is OFF).
+/// Encoder of text: a title such as `t,x,y,p,us,346x260`, and one line per event with the first four columns (time in
+/// microseconds; polarity 1 is ON, 0 is OFF). Other programs refuse comments, or read them as events. They need the names
+/// t, x, y and p, and ignore the names after them.
 struct Encoder<W> {
     output: W,
     line: String,
@@ -297,7 +298,7 @@ struct Encoder<W> {
 
 impl<W: Write> Encoder<W> {
     fn new(mut output: W, sensor: Sensor) -> Result<Self, WriteError> {
-        writeln!(output, "# sensor {} x {}\nt_us,x,y,p", sensor.width, sensor.height)?;
+        writeln!(output, "t,x,y,p,us,{}x{}", sensor.width, sensor.height)?;
         Ok(Self { output, line: String::new() })
     }
 }
@@ -480,10 +481,29 @@ mod tests {
         assert_eq!((report.clock_resets, report.counter_wraps, report.strays), (1, None, 0));
     }
 
+    /// Whole milliseconds look like nanoseconds; the title says that they are microseconds.
+    #[test]
+    fn written_text_states_unit_and_sensor_after_the_names() {
+        let at = |t| Event { t, x: 345, y: 259, polarity: Polarity::On };
+        let events: Vec<Event> = (1..100).map(|index| at(index * 40_000)).collect();
+        let mut content = Vec::new();
+        let mut encoder = Encoder::new(&mut content, Sensor::new(346, 260)).unwrap();
+        encoder.write(&events).unwrap();
+        encoder.finish().unwrap();
+        drop(encoder);
+        assert!(content.starts_with(b"t,x,y,p,us,346x260\n40000,345,259,1\n"));
+        let (read, information, _) = default(std::str::from_utf8(&content).unwrap());
+        assert_eq!((read, information.sensor, information.notes), (events, Some(Sensor::new(346, 260)), vec![]));
+        // Other names after the first four are columns.
+        let (_, information, _) = default("t,x,y,p,us,gain\n1,2,3,1,5,6\n");
+        assert_eq!(information.sensor, None);
+    }
+
     #[test]
     fn the_size_of_the_sensor_is_read() {
         for text in [
             "346 260\n1 2 3 1\n",
+            "t,x,y,p,us,346x260\n1,2,3,1\n",
             "# sensor 346 x 260\nt_us,x,y,p\n1,2,3,1\n",
             "%geometry:346,260\n2,3,1,1\n",
             "t,x@346,y@260,on\r\n1,2,3,1\r\n",

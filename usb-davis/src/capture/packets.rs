@@ -15,7 +15,7 @@ use std::io::{self, Read};
 use super::CaptureError;
 
 /// Largest length of a packet or block; a larger one indicates damage.
-const LENGTH_MOST: u32 = 1 << 26;
+const LENGTH_MOST: u32 = 1 << 24;
 /// Largest number of interfaces in a section; more indicate damage, and each takes memory.
 const INTERFACES_MOST: usize = 1 << 16;
 

@@ -1,4 +1,4 @@
-//! Converts a CSV recording of `evcal simulate --format csv` (`t_us,x,y,p`) to the words of a sensor.
+//! Converts a CSV recording of `evcal simulate --format csv` (its title begins with `t,x,y,p`) to the words of a sensor.
 //!
 //! Times count from the recording's first event.
 

@@ -5,6 +5,7 @@
 //! lose their content; all of them are counted and reported.
 
 use evcal_core::sensor::Sensor;
+use evcal_files::text;
 use std::path::Path;
 
 use evcal_link::{Circle, Decoder, DecoderCounts, Hello, Losses, Message, PROTOCOL_VERSION, Statistics, WindowEnd};
@@ -44,7 +45,8 @@ pub fn is_circle_stream(head: &[u8]) -> bool {
 /// # Errors
 /// [`CircleTrackError`] if the file cannot be read or contains no circle.
 pub fn read(path: &Path) -> Result<CircleStream, CircleTrackError> {
-    let bytes = std::fs::read(path).map_err(|error| CircleTrackError { path: path.to_owned(), kind: error.into() })?;
+    let bytes = text::bytes(path, text::TABLE)
+        .map_err(|error| CircleTrackError { path: path.to_owned(), kind: error.into() })?;
     let mut receiver = Receiver::new();
     receiver.push(&bytes);
     receiver.finish().ok_or_else(|| CircleTrackError {

@@ -35,6 +35,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use evcal_core::pattern::{Layout, Pattern};
+use evcal_files::text;
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::circles::reference_frame::UnorderedFrame;
@@ -188,7 +189,7 @@ pub enum CircleTrackErrorKind {
 /// and noted.
 pub fn read(path: &Path, pattern: &Pattern, recording: usize) -> Result<CircleTrack, CircleTrackError> {
     let error = |kind| CircleTrackError { path: path.to_owned(), kind };
-    let bytes = std::fs::read(path).map_err(|io| error(io.into()))?;
+    let bytes = text::bytes(path, text::TABLE).map_err(|io| error(io.into()))?;
     parse(&bytes, pattern, recording).map_err(error)
 }
 

@@ -1,9 +1,9 @@
 //! Comparison of a calibration's trajectory with a file of motion capture.
 
-use std::fs::File;
-use std::io::{self, BufReader};
+use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::text;
 use nalgebra::Isometry3;
 
 use super::comparison::TRAJECTORY_FILE;
@@ -85,6 +85,6 @@ pub fn compare_captured(
 }
 
 fn read_trajectory(path: &Path) -> Result<Vec<evcal_geometry::timed_pose::TimedPose>, CapturedError> {
-    let file = File::open(path).map_err(|error| CapturedError::Open { file: path.to_owned(), error })?;
-    tum::read(BufReader::new(file)).map_err(|error| CapturedError::Trajectory { file: path.to_owned(), error })
+    let text = text::table(path).map_err(|error| CapturedError::Open { file: path.to_owned(), error })?;
+    tum::read(text.as_bytes()).map_err(|error| CapturedError::Trajectory { file: path.to_owned(), error })
 }

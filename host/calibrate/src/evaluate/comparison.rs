@@ -1,11 +1,11 @@
 //! Comparison of a calibration with the truth or another calibration, from their files.
 
 use std::fmt;
-use std::fs::File;
-use std::io::{self, BufReader};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
+use evcal_files::text;
 
 use super::intrinsics::{IntrinsicsComparison, compare_intrinsics};
 use super::printed_board::{BoardComparison, compare_boards};
@@ -219,8 +219,8 @@ fn trajectories(
 }
 
 fn read_trajectory(path: &Path) -> Result<Vec<TimedPose>, CompareError> {
-    let file = File::open(path).map_err(|error| CompareError::Open { file: path.to_owned(), error })?;
-    tum::read(BufReader::new(file)).map_err(|error| CompareError::Trajectory { file: path.to_owned(), error })
+    let text = text::table(path).map_err(|error| CompareError::Open { file: path.to_owned(), error })?;
+    tum::read(text.as_bytes()).map_err(|error| CompareError::Trajectory { file: path.to_owned(), error })
 }
 
 fn compare_trajectories(estimate: PathBuf, truth: PathBuf, range: f64) -> Result<TrajectoryComparison, CompareError> {

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::text::excerpt;
 use nalgebra::Vector3;
 
 use super::sample::Sample;
@@ -79,7 +80,7 @@ const QUANTITIES: [Quantity; 7] = [
 /// # Errors
 /// [`CsvError`] names the line.
 pub fn read(path: &Path) -> Result<Vec<Sample>, CsvError> {
-    let text = std::fs::read_to_string(path).map_err(|error| CsvError::Io { path: path.to_owned(), error })?;
+    let text = evcal_files::text::table(path).map_err(|error| CsvError::Io { path: path.to_owned(), error })?;
     parse(path, &text)
 }
 
@@ -99,7 +100,8 @@ fn parse(path: &Path, text: &str) -> Result<Vec<Sample>, CsvError> {
         let mut values = [0.0; QUANTITIES.len()];
         for (place, (value, (column, factor))) in values.iter_mut().zip(&columns).enumerate() {
             let field = fields.get(*column).copied().unwrap_or_default();
-            let wrong = || CsvError::Number { path: path.to_owned(), line: line + 1, text: field.to_owned() };
+            let wrong =
+                || CsvError::Number { path: path.to_owned(), line: line + 1, text: excerpt(field).into_owned() };
             let number = || field.parse::<f64>().ok().filter(|value| value.is_finite()).ok_or_else(wrong);
             *value = factor
                 * match (place, field.parse::<i64>()) {

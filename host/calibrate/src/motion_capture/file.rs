@@ -12,6 +12,7 @@ mod motive;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::text::excerpt;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 use evcal_geometry::timed_pose::TimedPose;
@@ -111,7 +112,7 @@ pub enum CaptureError {
 /// # Errors
 /// [`CaptureFileError`] names the line.
 pub fn read(path: &Path, body: Option<&str>) -> Result<Vec<TimedPose>, CaptureFileError> {
-    let poses = std::fs::read_to_string(path).map_err(CaptureError::from).and_then(|text| parse(&text, body));
+    let poses = evcal_files::text::table(path).map_err(CaptureError::from).and_then(|text| parse(&text, body));
     poses.map_err(|reason| CaptureFileError { path: path.to_owned(), reason })
 }
 
@@ -132,7 +133,7 @@ fn parse(text: &str, body: Option<&str>) -> Result<Vec<TimedPose>, CaptureError>
 fn number(field: Option<&&str>, line: usize) -> Result<f64, CaptureError> {
     let text = field.copied().unwrap_or_default().trim();
     let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
-    value.ok_or_else(|| CaptureError::Number { line, text: text.to_owned() })
+    value.ok_or_else(|| CaptureError::Number { line, text: excerpt(text).into_owned() })
 }
 
 /// Appends the pose of a line; the quaternion is w x y z.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
-use evcal_files::visible;
+use evcal_files::{text, visible};
 use evcal_geometry::board::shape::BoardShape;
 use evcal_geometry::board::{Board, any_length};
 use evcal_geometry::lens::camera_file;
@@ -291,7 +291,7 @@ fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box
             let wrong = |error: &dyn std::fmt::Display| {
                 UsageError(format!("--imu {file}: {error}: write perfect, davis346 or a JSON file"))
             };
-            let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
+            let text = text::read(file.as_ref(), text::SETTINGS).map_err(|error| wrong(&error))?;
             Ok(serde_json::from_str(&text).map_err(|error| wrong(&error))?)
         }
     }
@@ -328,7 +328,7 @@ fn usual_or_file<T: Default + DeserializeOwned>(option: &str, value: Option<&str
             let wrong = |error: &dyn std::fmt::Display| {
                 UsageError(format!("{option} {file}: {error}: give a JSON file, or no value"))
             };
-            let text = std::fs::read_to_string(file).map_err(|error| wrong(&error))?;
+            let text = text::read(file.as_ref(), text::SETTINGS).map_err(|error| wrong(&error))?;
             serde_json::from_str(&text).map(Some).map_err(|error| wrong(&error))
         }
     }

@@ -5,8 +5,7 @@ mod parameters;
 mod tree;
 pub mod yaml;
 
-use std::fs::File;
-use std::io::{self, Read as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use evcal_core::camera::{Camera, ModelKind};
@@ -264,13 +263,7 @@ fn parse_any<T: DeserializeOwned>(path: &Path) -> Result<T, CameraFileError> {
 
 /// Reads a file of up to [`LARGEST`] bytes.
 fn text_of(path: &Path) -> io::Result<String> {
-    let mut text = String::new();
-    File::open(path)?.take(LARGEST + 1).read_to_string(&mut text)?;
-    if text.len() as u64 > LARGEST {
-        let mebibytes = LARGEST >> 20;
-        return Err(io::Error::new(io::ErrorKind::FileTooLarge, format!("it has more than {mebibytes} MiB")));
-    }
-    Ok(text)
+    evcal_files::text::read(path, LARGEST)
 }
 
 /// The sensor of a camera file.

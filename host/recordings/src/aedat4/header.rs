@@ -11,6 +11,9 @@
 
 use super::flatbuffer::{self, Malformed};
 
+/// Name that evcal writes for a camera without one.
+pub const UNKNOWN_CAMERA: &str = "unknown camera";
+
 /// First bytes of every AEDAT4 file.
 pub const MAGIC: &[u8; 14] = b"#!AER-DAT4.0\r\n";
 
@@ -112,7 +115,7 @@ fn streams(information: &str) -> Result<Vec<Stream>, HeaderError> {
                 size: of_info("sizeX")
                     .zip(of_info("sizeY"))
                     .and_then(|(x, y)| Some((x.parse().ok()?, y.parse().ok()?))),
-                source: of_info("source").map(str::to_owned),
+                source: of_info("source").filter(|name| *name != UNKNOWN_CAMERA).map(str::to_owned),
                 rows_from_below: attribute(node, "originalModuleName").is_some_and(is_jaer),
             })
         })

@@ -11,7 +11,7 @@ use evcal_core::event::Event;
 pub(super) use packet::{event_packet, header};
 use packet::{frame_packet, imu_packet, packet_table};
 
-use super::header::{Compression, MAGIC};
+use super::header::{Compression, MAGIC, UNKNOWN_CAMERA};
 use crate::encode::{CreateFile, Description, Encode, OutputFormat, WriteError};
 use crate::extras::{Extra, Frame, InertialSample, OtherStreams};
 
@@ -211,6 +211,8 @@ fn description(
         Compression::Lz4 => "LZ4",
         Compression::Zstd => "ZSTD",
     };
+    // faery refuses files without the name of a camera.
+    let camera_name = if camera_name.is_empty() { UNKNOWN_CAMERA } else { camera_name };
     let camera_name: String = camera_name
         .chars()
         .map(|character| match character {

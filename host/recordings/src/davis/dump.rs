@@ -13,7 +13,7 @@ use usb_davis::protocol::{Encoder, Frame, FrameStep, ImuSample, Polarity as Wire
 use usb_davis::registers::default_registers;
 use usb_davis::{PRODUCT_ID, VENDOR_ID};
 
-use crate::encode::{WriteError, check_jump};
+use crate::encode::{Pauses, WriteError};
 
 /// Size of a transfer in bytes, as `usb_davis::device` requests it.
 const TRANSFER_BYTES: usize = 128 * 1024;
@@ -72,6 +72,7 @@ pub struct DumpEncoder<W: Write> {
     words: Vec<u8>,
     /// End of the latest transfer in µs, or the time of the first word after a pause.
     since: u64,
+    pauses: Pauses,
 }
 
 impl<W: Write> DumpEncoder<W> {
@@ -83,7 +84,16 @@ impl<W: Write> DumpEncoder<W> {
         let dump = DumpWriter::new(output, &header, compression)?;
         let encoder = Encoder::new(header.registers.layout());
         let early_packet_delay = u64::from(Configuration::default().early_packet_delay);
-        Ok(Self { dump, encoder, header, early_packet_delay, waiting: Vec::new(), words: Vec::new(), since: 0 })
+        Ok(Self {
+            dump,
+            encoder,
+            header,
+            early_packet_delay,
+            waiting: Vec::new(),
+            words: Vec::new(),
+            since: 0,
+            pauses: Pauses::default(),
+        })
     }
 
     /// Adds events.
@@ -125,7 +135,7 @@ impl<W: Write> DumpEncoder<W> {
 
     fn send(&mut self, time: u64, item: &Item) -> Result<(), WriteError> {
         let [before, now] = [self.encoder.time(), time].map(|time| i64::try_from(time).unwrap_or(i64::MAX));
-        check_jump(before, now)?;
+        self.pauses.check(before, now)?;
         let due = self.since.saturating_add(self.early_packet_delay);
         if self.words.is_empty() {
             self.since = self.since.max(time);

@@ -14,6 +14,9 @@ const DEEPEST: usize = 6;
 /// Largest number of groups that are searched.
 const MOST_GROUPS: usize = 512;
 
+/// Number of streams up to which those whose names do not mean events are examined.
+const MOST_UNNAMED: usize = 256;
+
 /// Number of rows up to which an array of four columns is taken for a matrix, such as a pose or projection stored with
 /// the events.
 const MOST_ROWS_OF_A_MATRIX: u64 = 4;
@@ -63,18 +66,32 @@ pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
         let upper = above.and_then(|above| nodes.get(above)).map(|node| &node.group);
         let (tables, unread) = tables(&path, &datasets);
         contents.unread = contents.unread.or(unread);
-        for (name, table) in tables {
-            let is_named = !matches!(table, Table::Rows(..)) || name_of(&name).to_lowercase().starts_with("event");
-            if !is_named && table.count() <= MOST_ROWS_OF_A_MATRIX {
-                continue;
-            }
-            let of_table = || table.datasets().into_iter().find_map(|data| geometry(|name| data.attribute(name).ok()));
-            let sensor = sensor(&group, &datasets).or_else(of_table).or_else(|| upper.and_then(of_group));
-            let sensor = sensor.or_else(|| nodes.first().and_then(|root| of_group(&root.group)));
+        let is_named = |(name, table): &Stream| {
+            !matches!(table, Table::Rows(..)) || name_of(name).to_lowercase().starts_with("event")
+        };
+        let mut tables = tables;
+        let mut room = MOST_UNNAMED.saturating_sub(contents.streams.len());
+        tables.retain(|stream| {
+            let is_examined = stream.1.count() > MOST_ROWS_OF_A_MATRIX && room > 0;
+            room -= usize::from(is_examined);
+            is_named(stream) || is_examined
+        });
+        if !tables.is_empty() {
+            // These take as long as the group is large, so they are determined once.
+            let of_group_or_root = || upper.and_then(of_group).or_else(|| of_group(&nodes.first()?.group));
+            let (own, outer) = (sensor(&group, &datasets), of_group_or_root());
             let start = group.dataset(OFFSET).or_else(|error| upper.map_or(Err(error), |upper| upper.dataset(OFFSET)));
             let offset = start.ok().as_ref().and_then(table::single);
             let [frames, samples] = [(FRAMES, 3), (SAMPLES, 2)].map(|(name, sides)| timed(&datasets, name, sides));
-            contents.streams.push(Found { name, is_named, table, sensor, offset, frames, samples });
+            for stream in tables {
+                let is_named = is_named(&stream);
+                let (name, table) = stream;
+                let of_table =
+                    || table.datasets().into_iter().find_map(|data| geometry(|name| data.attribute(name).ok()));
+                let sensor = own.or_else(of_table).or(outer);
+                let (frames, samples) = (frames.clone(), samples.clone());
+                contents.streams.push(Found { name, is_named, table, sensor, offset, frames, samples });
+            }
         }
         if path.matches('/').count() + 1 < DEEPEST {
             let below = groups.into_iter().take(MOST_GROUPS.saturating_sub(nodes.len()));
@@ -117,8 +134,11 @@ fn name_of(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
 }
 
+/// A table of events and its name.
+type Stream = (String, Table);
+
 /// Tables by name; and an array that would belong to one but is not supported, with a description of its elements.
-type Tables = (Vec<(String, Table)>, Option<(String, &'static str)>);
+type Tables = (Vec<Stream>, Option<(String, &'static str)>);
 
 /// Returns the tables of one group.
 fn tables(path: &str, datasets: &[Dataset]) -> Tables {

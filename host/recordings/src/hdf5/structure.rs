@@ -114,6 +114,30 @@ pub fn chunked(numbers: Number, count: u64, side: u32, address: u64, filters: &[
     ])
 }
 
+/// Returns the header of an array without data, all of whose `count` numbers are the fill value.
+#[cfg(test)]
+pub fn filled(numbers: Number, count: u64, value: u64) -> Vec<u8> {
+    let value = value.to_le_bytes();
+    let value = value.get(..numbers.size().into()).unwrap_or_default();
+    // Allocated late; the value is user-defined.
+    let fill = [&[3, 0x2a][..], &u32::from(numbers.size()).to_le_bytes(), value].concat();
+    object_header(&[
+        message(DATASPACE, &dataspace(Some(count))),
+        message(DATATYPE, &numbers.message()),
+        message(FILL_VALUE, &fill),
+        message(
+            DATA_LAYOUT,
+            &[
+                &[3, 2, 2][..],
+                &UNDEFINED.to_le_bytes(),
+                &65_536_u32.to_le_bytes(),
+                &u32::from(numbers.size()).to_le_bytes(),
+            ]
+            .concat(),
+        ),
+    ])
+}
+
 /// Returns the header of a multidimensional array whose numbers are at `address`.
 #[cfg(test)]
 pub fn shaped(numbers: Number, sides: &[u64], address: u64) -> Vec<u8> {

@@ -388,3 +388,63 @@ fn virtual_arrays_are_reported() {
     let error = testing::read(&groups(&[("events", &arrays)])).error.unwrap();
     assert!(error.contains("is a virtual HDF5 file"), "{error}");
 }
+
+/// The time per array must not grow with the number of arrays.
+#[test]
+fn the_events_are_found_among_thousands_of_arrays() {
+    const COUNT: usize = 4000;
+    let number = Number::Integer { size: 4, is_signed: true };
+    let mut content = vec![0; super::structure::SUPERBLOCK as usize];
+    // Rows t, x, y, p.
+    let rows: Vec<u8> = (0..40_i32)
+        .flat_map(|row| [1000 + 37 * row, row * 7 % 300, row * 11 % 200, row % 2])
+        .flat_map(i32::to_le_bytes)
+        .collect();
+    let data = content.len() as u64;
+    content.extend(rows);
+    let array = content.len() as u64;
+    content.extend(shaped(number, &[40, 4], data));
+    let names: Vec<String> =
+        (0..COUNT).map(|index| if index == COUNT - 1 { "events".to_owned() } else { format!("pose{index}") }).collect();
+    let objects: Vec<(&str, u64)> = names.iter().map(|name| (name.as_str(), array)).collect();
+    let root = content.len() as u64;
+    content.extend(group(&objects, &[]));
+    let head = superblock(root, content.len() as u64);
+    content[..head.len()].copy_from_slice(&head);
+    let outcome = testing::read(&content);
+    assert_eq!((outcome.events.len(), outcome.error), (40, None));
+    assert!(outcome.information.unwrap().notes.iter().any(|note| note.starts_with("the events of events are read")));
+}
+
+/// A few kilobytes that state 2^40 events, all equal to the fill value.
+#[test]
+fn endless_fill_values_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("endless.h5");
+    let number = |size| Number::Integer { size, is_signed: false };
+    let mut content = vec![0; super::structure::SUPERBLOCK as usize];
+    let mut objects = Vec::new();
+    for (name, size, value) in [("t", 8, 5_u64), ("x", 2, 3), ("y", 2, 4), ("p", 1, 1)] {
+        objects.push((name, content.len() as u64));
+        content.extend(super::structure::filled(number(size), 1 << 40, value));
+    }
+    let events = content.len() as u64;
+    content.extend(group(&objects, &[]));
+    let root = content.len() as u64;
+    content.extend(group(&[("events", events)], &[("width", 346), ("height", 260)]));
+    let head = superblock(root, content.len() as u64);
+    content[..head.len()].copy_from_slice(&head);
+    std::fs::write(&path, &content).unwrap();
+    let mut reader = Recording::new(&path, RecordingOptions::default()).unwrap().open().unwrap();
+    let (mut batch, mut count) = (Vec::new(), 0);
+    let error = loop {
+        match reader.next_batch(&mut batch) {
+            Ok(more) => {
+                assert!(more && count < 20_000_000, "{count} events");
+                count += batch.len();
+            }
+            Err(error) => break error.to_string(),
+        }
+    };
+    assert!(error.contains(&format!("in {} bytes, which no recording has", content.len())), "{error}");
+}

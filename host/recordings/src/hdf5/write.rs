@@ -26,9 +26,12 @@ pub const OUTPUT: OutputFormat = OutputFormat {
     copy_transfers: None,
 };
 
-/// Length in milliseconds above which a recording gets no index (one day). A damaged time would otherwise fill the
-/// disk.
+/// Length in milliseconds above which a recording gets no index (one day), and the length up to which it gets one however
+/// few events it has. A damaged time would otherwise fill the disk.
 const LONGEST_INDEX: u64 = 86_400_000;
+const LENGTH_FOR_ANY: u64 = 600_000;
+/// Largest number of milliseconds in the index per event beyond [`LENGTH_FOR_ANY`].
+const MILLISECONDS_PER_EVENT: u64 = 16;
 
 const TIME: usize = 0;
 const INDEX: usize = 4;
@@ -36,11 +39,12 @@ const INDEX: usize = 4;
 struct Encoder {
     file: File,
     sensor: Sensor,
-    /// t (relative to the first event, µs), x, y, p, and the index of the first event of each millisecond.
+    /// t (after `zero`, µs), x, y, p, and the index of the first event of each millisecond.
     columns: [Column; 5],
     count: u64,
-    first: Option<i64>,
-    /// Latest time, relative to the first event, in µs.
+    /// Time that is zero in the file, known from the first event on. Some readers ignore it, so it is 0 if possible.
+    zero: Option<i64>,
+    /// Latest time after `zero` in µs.
     latest: u64,
     /// Number of milliseconds in the index; more than [`LONGEST_INDEX`] if the index was abandoned.
     milliseconds: u64,
@@ -75,14 +79,14 @@ impl Encoder {
             [("t", whole(8)), ("x", pixel), ("y", pixel), ("p", whole(1)), ("ms_to_idx", whole(8))]
                 .map(|(name, numbers)| Column::new(name, numbers));
         let columns = [t?, x?, y?, p?, index?];
-        Ok(Self { file, sensor, columns, count: 0, first: None, latest: 0, milliseconds: 0 })
+        Ok(Self { file, sensor, columns, count: 0, zero: None, latest: 0, milliseconds: 0 })
     }
 
     /// Extends the index up to the millisecond of `t` (µs), the time of the next event. Each added millisecond refers
     /// to this event.
     fn index(&mut self, t: u64) -> io::Result<()> {
         let wanted = t / 1000 + 1;
-        if wanted > LONGEST_INDEX {
+        if wanted > LONGEST_INDEX || wanted > LENGTH_FOR_ANY + MILLISECONDS_PER_EVENT * self.count {
             self.milliseconds = u64::MAX;
         }
         // A millisecond refers to the first event that is not before its beginning.
@@ -118,8 +122,9 @@ impl Encoder {
 impl Encoder {
     /// Writes `event`; `column` and `row` are the bytes of its x and y.
     fn put(&mut self, event: &Event, [column, row]: [&[u8]; 2]) -> io::Result<()> {
-        let first = *self.first.get_or_insert(event.t);
-        let t = event.t.saturating_sub(first).max(0).cast_unsigned();
+        let is_soon = (0..LENGTH_FOR_ANY.cast_signed() * 1000).contains(&event.t);
+        let zero = *self.zero.get_or_insert(if is_soon { 0 } else { event.t });
+        let t = event.t.saturating_sub(zero).max(0).cast_unsigned();
         self.index(t)?;
         self.latest = self.latest.max(t);
         let [time, x, y, p, _] = &mut self.columns;
@@ -183,7 +188,7 @@ impl Encode for Encoder {
             position += bytes.len() as u64;
             Ok(address)
         };
-        let offset = put(&mut output, &self.first.unwrap_or(0).to_le_bytes())?;
+        let offset = put(&mut output, &self.zero.unwrap_or(0).to_le_bytes())?;
         let offset = put(&mut output, &dataset(Number::Integer { size: 8, is_signed: true }, None, offset))?;
         let mut placed = Vec::new();
         for (number, column) in self.columns.iter_mut().enumerate() {
@@ -215,7 +220,11 @@ impl Encode for Encoder {
     }
 
     fn lost(&self) -> Vec<String> {
-        if self.has_index() { Vec::new() } else { vec!["ms_to_idx: the recording is longer than a day".to_owned()] }
+        if self.has_index() {
+            Vec::new()
+        } else {
+            vec!["ms_to_idx: the recording is longer than a day, or has few events for its length".to_owned()]
+        }
     }
 }
 
@@ -260,12 +269,21 @@ mod tests {
         {
             assert_eq!(round_trip(&times).0, times);
         }
-        // Longer than 32 bits of microseconds, and longer than a day.
-        let (times, file, _folder) = round_trip(&[3, 3 + (1 << 33)]);
-        assert_eq!(times.len(), 2);
-        assert_eq!(file.dataset("ms_to_idx").unwrap().shape(), [(1 << 33) / 1000 + 1]);
-        let (_, file, _folder) = round_trip(&[3, 100_000_000_000]);
-        assert!(file.dataset("ms_to_idx").is_err());
+        // Longer than 32 bits of microseconds.
+        let times: Vec<i64> = (0..600_000).map(|index| 3 + 15_000 * index).collect();
+        let (read, file, _folder) = round_trip(&times);
+        assert_eq!(read, times);
+        assert_eq!(file.dataset("ms_to_idx").unwrap().shape(), [599_999 * 15 + 1]);
+    }
+
+    /// With an index, these files would have 69, 690 and 800 MB.
+    #[test]
+    fn a_few_events_far_apart_get_no_index() {
+        for last in [3 + (1 << 33), 86_399_000_000, 100_000_000_000] {
+            let (_, file, folder) = round_trip(&[3, last]);
+            assert!(file.dataset("ms_to_idx").is_err());
+            assert!(std::fs::metadata(folder.path().join("events.h5")).unwrap().len() < 5_000_000);
+        }
     }
 
     #[test]
@@ -284,7 +302,17 @@ mod tests {
             assert_eq!(read.iter().copied().collect::<Vec<_>>(), places.map(|place| place[axis]));
         }
         let times = file.dataset("events/t").unwrap().read_array::<u32>().unwrap();
-        assert_eq!(times.iter().copied().collect::<Vec<_>>(), [0, 1, 2]);
+        assert_eq!(times.iter().copied().collect::<Vec<_>>(), [5, 6, 7]);
+    }
+
+    /// Readers that ignore `t_offset` get the right times, unless the times count from 1970.
+    #[test]
+    fn times_have_no_offset_if_possible() {
+        for (first, expected) in [(0, 0), (1_000_003, 0), (599_000_000, 0), (-7, -7), (1 << 50, 1 << 50)] {
+            let (_, file, _folder) = round_trip(&[first, first + 40_000]);
+            let offset = file.dataset("t_offset").unwrap().read_array::<i64>().unwrap();
+            assert_eq!(offset.iter().copied().collect::<Vec<_>>(), [expected]);
+        }
     }
 
     #[test]
@@ -292,8 +320,7 @@ mod tests {
         let (times, file, _folder) = round_trip(&[10, 1009, 1010, 1010, 1500, 4009, 4010, 4500]);
         let read = file.dataset("ms_to_idx").unwrap().read_array::<u64>().unwrap();
         let index: Vec<usize> = read.iter().map(|place| *place as usize).collect();
-        let expected: Vec<usize> =
-            (0..=4).map(|ms| times.iter().position(|t| t - times[0] >= ms * 1000).unwrap()).collect();
+        let expected: Vec<usize> = (0..=4).map(|ms| times.iter().position(|t| *t >= ms * 1000).unwrap()).collect();
         assert_eq!(index, expected);
     }
 }

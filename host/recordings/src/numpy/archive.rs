@@ -52,6 +52,9 @@ impl Location {
     /// Returns the location of the whole file at `path`.
     pub fn whole(path: &Path) -> Result<Self, RecordingError> {
         let metadata = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?;
+        if !metadata.is_file() {
+            return Err(RecordingError::new(path, RecordingErrorKind::NotAFile));
+        }
         Ok(Self { file: None, start: 0, length: metadata.len(), packed: None })
     }
 

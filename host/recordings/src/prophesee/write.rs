@@ -9,7 +9,7 @@ use evcal_core::decode::Evt4Encoder;
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 
-use crate::encode::{Description, Encode, OutputFormat, WriteError, check_jump};
+use crate::encode::{Description, Encode, OutputFormat, PAUSE, Pauses, WriteError};
 
 /// RAW in EVT 3.0.
 pub const OUTPUT: OutputFormat = OutputFormat {
@@ -29,7 +29,13 @@ pub const EVT4_OUTPUT: OutputFormat = OutputFormat {
     extensions: &["evt4"],
     create: |file, description| {
         let output = header(file, description, "EVT 4.0", "4.0")?;
-        Ok(Box::new(Evt4 { output, zero: description.zero, words: Evt4Encoder::new(), latest: 0 }))
+        Ok(Box::new(Evt4 {
+            output,
+            zero: description.zero,
+            words: Evt4Encoder::new(),
+            latest: 0,
+            pauses: Pauses::default(),
+        }))
     },
     ..OUTPUT
 };
@@ -45,6 +51,8 @@ const SIDE: u16 = 1 << 11;
 /// Time high has 12 bits, in units of 4096 µs.
 const HIGH_SHIFT: u32 = 12;
 const MASK: i64 = 0xfff;
+/// In a pause, there is a time high for this number of steps (0.52 s).
+const STEPS_IN_PAUSE: i64 = 128;
 const ROW: u16 = 0;
 const COLUMN: u16 = 0x2000;
 const TIME_LOW: u16 = 0x6000;
@@ -58,6 +66,7 @@ struct Encoder {
     high: Option<i64>,
     low: Option<i64>,
     row: Option<u16>,
+    pauses: Pauses,
 }
 
 /// Creates a file with the header of an encoding, such as `3.0`.
@@ -94,7 +103,7 @@ fn lost(zero: i64) -> Vec<String> {
 impl Encoder {
     fn new(file: &mut dyn FnMut() -> std::io::Result<File>, description: &Description) -> Result<Self, WriteError> {
         let output = header(file, description, "EVT 3.0", "3.0")?;
-        Ok(Self { output, zero: description.zero, high: None, low: None, row: None })
+        Ok(Self { output, zero: description.zero, high: None, low: None, row: None, pauses: Pauses::default() })
     }
 
     fn word(&mut self, word: u16) -> Result<(), WriteError> {
@@ -106,11 +115,14 @@ impl Encoder {
         let (high, low) = (t >> HIGH_SHIFT, t & MASK);
         if self.high != Some(high) {
             let before = self.high.unwrap_or(0) << HIGH_SHIFT;
-            check_jump(before.saturating_add(self.zero), t.saturating_add(self.zero))?;
+            self.pauses.check(before.saturating_add(self.zero), t.saturating_add(self.zero))?;
             // Writes all time highs in between, as a camera does: some readers detect a wrap of the clock only from the
-            // last one before it.
+            // last one before it. In a pause, one per half second and that last one are enough.
+            let is_pause = t.saturating_sub(before).unsigned_abs() > PAUSE;
             for step in self.high.map_or(0, |latest| latest + 1)..=high {
-                self.word(TIME_HIGH | (step & MASK) as u16)?;
+                if !is_pause || step % STEPS_IN_PAUSE == 0 || step & MASK == MASK || step == high {
+                    self.word(TIME_HIGH | (step & MASK) as u16)?;
+                }
             }
             (self.high, self.low) = (Some(high), None);
         }
@@ -151,13 +163,14 @@ struct Evt4 {
     words: Evt4Encoder,
     /// Latest time in µs after the zero.
     latest: i64,
+    pauses: Pauses,
 }
 
 impl Encode for Evt4 {
     fn write(&mut self, events: &[Event]) -> Result<(), WriteError> {
         for event in events {
             let t = event.t.saturating_sub(self.zero).max(0);
-            check_jump(self.latest.saturating_add(self.zero), event.t)?;
+            self.pauses.check(self.latest.saturating_add(self.zero), event.t)?;
             while t - self.latest > LONGEST_PAUSE {
                 self.latest += LONGEST_PAUSE;
                 if let Some(word) = self.words.time(self.latest) {
@@ -251,6 +264,20 @@ mod tests {
         assert_eq!(information.camera_name.as_deref(), Some("EVK4 7"));
         let shifted = testing::read(&written(&events, Sensor::new(2048, 2048), times[0]).unwrap());
         assert!(shifted.events.iter().zip(&events).all(|(found, event)| found.t == event.t - times[0]));
+    }
+
+    /// With a time high for every 4096 µs, each of these events would have 40 MB.
+    #[test]
+    fn long_pauses_take_few_words_and_have_a_limit() {
+        let times: Vec<i64> = (0..20).map(|index| index * 82_800_000_000 + 7).collect();
+        let events: Vec<Event> = times.iter().map(|&t| event(t, 5, 6, Polarity::On)).collect();
+        let content = written(&events, Sensor::new(1280, 720), 0).unwrap();
+        assert!(content.len() < 10_000_000, "{}", content.len());
+        assert!(testing::read(&content).events == events);
+        let times = (0..40).map(|index| index * 82_800_000_000);
+        let events: Vec<Event> = times.map(|t| event(t, 5, 6, Polarity::On)).collect();
+        let error = written(&events, Sensor::new(1280, 720), 0).unwrap_err();
+        assert!(matches!(error, WriteError::Pauses { time: 2_649_600_000_000 }), "{error}");
     }
 
     /// With a word for every 4096 µs, such a file would have 830 GB.

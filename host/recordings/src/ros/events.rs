@@ -14,7 +14,7 @@ use crate::format::{OpenResult, StreamSummary};
 use crate::options::{Damage, RecordingOptions};
 use crate::prophesee::{TRIGGERS, store_counts};
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, RecordingInformation, most_events};
 
 /// Number of events from which a batch is returned.
 const BATCH: usize = 16_384;
@@ -25,6 +25,8 @@ struct Decoder {
     damage: Damage,
     information: RecordingInformation,
     packets: PacketDecoder,
+    /// A message whose events are decoded up to this byte of them.
+    begun: Option<(MessageHead, usize)>,
 }
 
 /// Opens the events of the requested topic, or of the first topic that has any.
@@ -49,7 +51,7 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let packets = PacketDecoder::default();
     let container = open(path)?;
-    Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets }))
+    Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets, begun: None }))
 }
 
 /// A topic with events, and the description in its first message with events.
@@ -115,17 +117,24 @@ fn damaged(container: &dyn Container, head: &MessageHead, topic: &Topic, what: &
 }
 
 impl Decoder {
-    /// Appends the events of the next message, or counts a message of another topic. Returns `false` at the end.
+    /// Appends the next events of a message, or counts a message of another topic. Returns `false` at the end.
     fn next_message(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
-        let Some(head) = self.container.next()? else { return Ok(false) };
+        let (head, from) = match self.begun.take() {
+            Some(begun) => begun,
+            None => match self.container.next()? {
+                Some(head) => (head, 0),
+                None => return Ok(false),
+            },
+        };
         let Some(topic) = self.container.topics().get(head.topic) else { return Ok(true) };
         if topic.name != self.topic || !topic.kind.contains_events() {
             *report.other_packets.entry(topic.description()).or_default() += 1;
             return Ok(true);
         }
         let message = self.container.message();
-        let decoded = message::events(topic.kind, topic.wire, message, &mut self.packets, batch);
-        decoded.map_err(|error| damaged(&*self.container, &head, topic, &error.to_string()))?;
+        let decoded = message::events(topic.kind, topic.wire, message, from, &mut self.packets, batch);
+        let rest = decoded.map_err(|error| damaged(&*self.container, &head, topic, &error.to_string()))?;
+        self.begun = rest.map(|from| (head, from));
         Ok(true)
     }
 }
@@ -166,6 +175,7 @@ pub fn summarise(
     path: &Path,
     options: &RecordingOptions,
 ) -> Result<Vec<StreamSummary>, RecordingError> {
+    let bytes = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?.len();
     let mut container = open(path)?;
     let mut summaries: Vec<StreamSummary> = Vec::new();
     let mut decoders: Vec<PacketDecoder> = Vec::new();
@@ -186,12 +196,25 @@ pub fn summarise(
         let (Some(summary), Some(decoder), Some(topic)) = found else { continue };
         summary.packets += 1;
         let (wire, message) = (topic.wire, container.message());
-        events.clear();
         let (count, times) = match topic.kind {
             Kind::EventArray | Kind::EventPacket => {
-                // Events before damage are counted.
-                let _ = message::events(topic.kind, wire, message, decoder, &mut events);
-                (events.len() as u64, events.first().zip(events.last()).map(|(first, last)| (first.t, last.t)))
+                let (mut count, mut times, mut from) = (0, None, 0);
+                loop {
+                    events.clear();
+                    // Events before damage are counted.
+                    let rest = message::events(topic.kind, wire, message, from, decoder, &mut events);
+                    count += events.len() as u64;
+                    if let Some((first, last)) = events.first().zip(events.last()) {
+                        times = Some((times.map_or(first.t, |(first, _)| first), last.t));
+                    }
+                    if summary.elements + count > most_events(bytes) {
+                        return Err(RecordingError::new(path, RecordingErrorKind::too_many(bytes)));
+                    }
+                    match rest {
+                        Ok(Some(next)) => from = next,
+                        Ok(None) | Err(_) => break (count, times),
+                    }
+                }
             }
             Kind::Image | Kind::CompressedImage | Kind::Imu => {
                 if topic.kind == Kind::Image && summary.unread.is_none() {

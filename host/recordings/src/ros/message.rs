@@ -10,6 +10,10 @@ use crate::extras::InertialSample;
 /// Standard gravity in m/s².
 pub const GRAVITY: f64 = 9.806_65;
 
+/// Size in bytes of the pieces in which encoded events are decoded. It is a multiple of the size of all words, and at most
+/// 393,216 events are in it.
+const PIECE: usize = 1 << 16;
+
 /// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -100,14 +104,17 @@ pub fn description(kind: Kind, wire: Wire, message: &[u8]) -> Result<Description
     Ok(Description { sensor, encoding, has_events: fields.u32("the events")? > 0 })
 }
 
-/// Appends the events of a message of this `kind`. Events before an error are kept.
+/// Appends events of a message of this `kind`, from byte `from` of its encoded events on, which is 0 at first. Returns the
+/// byte to continue with; `None` at the end. Few bytes can contain so many events that they are decoded in pieces.
+/// Events before an error are kept.
 pub fn events(
     kind: Kind,
     wire: Wire,
     message: &[u8],
+    from: usize,
     decoder: &mut PacketDecoder,
     events: &mut Vec<Event>,
-) -> Result<(), MessageError> {
+) -> Result<Option<usize>, MessageError> {
     let mut fields = Fields::new(wire, message)?;
     fields.header()?;
     fields.u32("its size")?;
@@ -121,7 +128,7 @@ pub fn events(
                 let polarity = if fields.u8("an event")? == 0 { Polarity::Off } else { Polarity::On };
                 events.push(Event { t, x, y, polarity });
             }
-            Ok(())
+            Ok(None)
         }
         Kind::EventPacket => {
             fields.u64("its number")?;
@@ -130,10 +137,15 @@ pub fn events(
             if fields.u8("its byte order")? != 0 {
                 return Err(MessageError::BigEndian);
             }
-            let payload = fields.bytes("the events")?;
-            decoder.decode(encoding, time_base, payload, events)
+            let rest = fields.bytes("the events")?.get(from..).unwrap_or_default();
+            let (piece, more) = rest.split_at_checked(PIECE).unwrap_or((rest, &[]));
+            if from == 0 {
+                decoder.begin_packet();
+            }
+            decoder.decode(encoding, time_base, piece, events)?;
+            Ok((!more.is_empty()).then_some(from + PIECE))
         }
-        Kind::Image | Kind::CompressedImage | Kind::Imu | Kind::Other => Ok(()),
+        Kind::Image | Kind::CompressedImage | Kind::Imu | Kind::Other => Ok(None),
     }
 }
 

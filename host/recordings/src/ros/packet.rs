@@ -12,12 +12,38 @@ pub const ENCODINGS: [&str; 4] = ["evt3", "libcaer", "libcaer_cmp", "mono"];
 #[derive(Default)]
 pub struct PacketDecoder {
     evt3: Evt3Decoder,
+    libcaer: Libcaer,
+    compressed: LibcaerCompressed,
     /// Number of edges at trigger inputs so far.
     pub triggers: u64,
 }
 
+/// State of the encoding `libcaer` within a packet.
+#[derive(Default)]
+struct Libcaer {
+    /// Latest time in the words.
+    latest: u32,
+    /// What the overflows of the times add.
+    turn: u64,
+}
+
+/// State of the encoding `libcaer_cmp` within a packet.
+#[derive(Default)]
+struct LibcaerCompressed {
+    high: u64,
+    low: u64,
+    x: u16,
+    first_row: u16,
+    on: bool,
+}
+
 impl PacketDecoder {
-    /// Decodes `payload` and appends its events. `time_base` is in ns.
+    /// Begins a packet.
+    pub fn begin_packet(&mut self) {
+        (self.libcaer, self.compressed) = Default::default();
+    }
+
+    /// Decodes `payload`, a part of a packet that ends between words, and appends its events. `time_base` is in ns.
     pub fn decode(
         &mut self,
         encoding: &[u8],
@@ -35,8 +61,8 @@ impl PacketDecoder {
                     }
                 }
             }
-            b"libcaer_cmp" => events.extend(libcaer_compressed(time_base, payload)),
-            b"libcaer" => libcaer(time_base, payload, events),
+            b"libcaer_cmp" => self.compressed.decode(time_base, payload, events),
+            b"libcaer" => self.libcaer.decode(time_base, payload, events),
             b"mono" => {
                 let words = payload.as_chunks().0.iter().map(|word| u64::from_le_bytes(*word));
                 events.extend(words.map(|word| mono(time_base, word)));
@@ -73,56 +99,54 @@ fn mono(time_base: u64, word: u64) -> Event {
     }
 }
 
-/// Decodes polarity events of AEDAT 3.1: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs after the
-/// base, which may overflow within a packet.
-fn libcaer(time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
-    let mut latest = 0_u32;
-    let mut turn = 0_u64;
-    for &[a, b, c, d, e, f, g, h] in payload.as_chunks().0 {
-        let (data, t) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]) & 0x7fff_ffff);
-        if latest.saturating_sub(t) > 1 << 30 {
-            turn = turn.saturating_add(1 << 31);
-        }
-        latest = t;
-        if data & 1 == 1 {
-            events.push(Event {
-                t: microseconds(time_base).saturating_add_unsigned(turn.saturating_add(t.into())),
-                x: (data >> 17) as u16,
-                y: (data >> 2) as u16 & 0x7fff,
-                polarity: polarity(data & 2 != 0),
-            });
+impl Libcaer {
+    /// Decodes polarity events of AEDAT 3.1: u32 with bit 0 valid, 1 polarity, 2–16 y, 17–31 x; i32 time in µs after the
+    /// base, which may overflow within a packet.
+    fn decode(&mut self, time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
+        for &[a, b, c, d, e, f, g, h] in payload.as_chunks().0 {
+            let (data, t) = (u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h]) & 0x7fff_ffff);
+            if self.latest.saturating_sub(t) > 1 << 30 {
+                self.turn = self.turn.saturating_add(1 << 31);
+            }
+            self.latest = t;
+            if data & 1 == 1 {
+                events.push(Event {
+                    t: microseconds(time_base).saturating_add_unsigned(self.turn.saturating_add(t.into())),
+                    x: (data >> 17) as u16,
+                    y: (data >> 2) as u16 & 0x7fff,
+                    polarity: polarity(data & 2 != 0),
+                });
+            }
         }
     }
 }
 
-/// Decodes words of 16 bits, with their type in bits 15–12: 0 time high, 1 time low (12 bits each, µs after the base),
-/// 2 column, 3 row and polarity (bit 11) of an event, 4 first row and polarity of a group, 5 one bit for each row of
-/// the group, set if it has an event.
-fn libcaer_compressed(time_base: u64, payload: &[u8]) -> impl Iterator<Item = Event> {
-    let (mut high, mut low, mut x, mut first_row, mut on) = (0_u64, 0_u64, 0_u16, 0_u16, false);
-    payload.as_chunks().0.iter().flat_map(move |word| {
-        let word = u16::from_le_bytes(*word);
-        let (mut y, mut mask) = (word & 0x7ff, 0);
-        match word >> 12 {
-            0 => high = u64::from(word & 0xfff),
-            1 => low = u64::from(word & 0xfff),
-            2 => x = word & 0x7ff,
-            3 => (on, mask) = (word & 0x800 != 0, 1),
-            4 => (on, first_row) = (word & 0x800 != 0, word & 0x7f8),
-            5 => {
-                (y, mask) = (first_row, word & 0xff);
-                first_row = first_row.saturating_add(8);
+impl LibcaerCompressed {
+    /// Decodes words of 16 bits, with their type in bits 15–12: 0 time high, 1 time low (12 bits each, µs after the base),
+    /// 2 column, 3 row and polarity (bit 11) of an event, 4 first row and polarity of a group, 5 one bit for each row of
+    /// the group, set if it has an event.
+    fn decode(&mut self, time_base: u64, payload: &[u8], events: &mut Vec<Event>) {
+        for word in payload.as_chunks().0 {
+            let word = u16::from_le_bytes(*word);
+            let (mut y, mut mask) = (word & 0x7ff, 0);
+            match word >> 12 {
+                0 => self.high = u64::from(word & 0xfff),
+                1 => self.low = u64::from(word & 0xfff),
+                2 => self.x = word & 0x7ff,
+                3 => (self.on, mask) = (word & 0x800 != 0, 1),
+                4 => (self.on, self.first_row) = (word & 0x800 != 0, word & 0x7f8),
+                5 => {
+                    (y, mask) = (self.first_row, word & 0xff);
+                    self.first_row = self.first_row.saturating_add(8);
+                }
+                _ => {}
             }
-            _ => {}
+            let t = microseconds(time_base.saturating_add((self.high << 12 | self.low) * 1000));
+            let event = Event { t, x: self.x, y, polarity: polarity(self.on) };
+            let rows = (0..8).filter(|bit| mask >> bit & 1 == 1);
+            events.extend(rows.map(|bit| Event { y: event.y.saturating_add(bit), ..event }));
         }
-        let event = Event {
-            t: microseconds(time_base.saturating_add((high << 12 | low) * 1000)),
-            x,
-            y,
-            polarity: polarity(on),
-        };
-        (0..8).filter(move |bit| mask >> bit & 1 == 1).map(move |bit| Event { y: event.y.saturating_add(bit), ..event })
-    })
+    }
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ mod files;
 mod limits;
 mod order;
 mod picture;
+mod repetition;
 mod split_imu;
 
 use std::io::Cursor;

@@ -30,6 +30,8 @@ struct Parts<'a> {
     /// Number of lines before the first line of numbers.
     first_line: u64,
     names: Option<Vec<&'a str>>,
+    /// Unit of the times, if the title has it after the names.
+    unit: Option<TimeUnit>,
     sensor: Option<Sensor>,
     rows: Vec<Vec<&'a [u8]>>,
 }
@@ -59,7 +61,7 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutErro
         parts.rows.iter().filter_map(move |row| Some(cell(row.get(index?)?)))
     };
     let times = || cells(Column::T).filter_map(|cell| cell.value).collect::<Vec<f64>>();
-    let stated = options.time_unit.or(unit_of_name);
+    let stated = options.time_unit.or(parts.unit).or(unit_of_name);
     let GuessedUnit { unit: time_unit, is_doubtful } =
         stated.map_or_else(|| columns::unit_from_values(&times(), &mut notes), GuessedUnit::from);
     let code = PolarityCode::from_values(cells(Column::P), &mut notes);
@@ -75,6 +77,7 @@ pub fn is_named(text: &str) -> bool {
 fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
     let mut first_line = 0;
     let mut names = None;
+    let mut unit = None;
     let mut sensor = None;
     let mut rows: Vec<Vec<&[u8]>> = Vec::new();
     for line in text.lines() {
@@ -97,7 +100,11 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
                     }
                 }
             } else if rows.is_empty() && names.is_none() {
-                let list = name_list(line);
+                let mut list = name_list(line);
+                if let Some((time_unit, size)) = end_of_title(&list) {
+                    list.truncate(4);
+                    (unit, sensor) = (Some(time_unit), Some(size));
+                }
                 sensor = sensor.or_else(|| sensor_of_names(&list));
                 names = Some(list);
             } else {
@@ -123,7 +130,7 @@ fn parts(text: &str) -> Result<Parts<'_>, LayoutError> {
         // The last line is incomplete and may have lost digits.
         rows.pop();
     }
-    Ok(Parts { first_line, names, sensor, rows })
+    Ok(Parts { first_line, names, unit, sensor, rows })
 }
 
 /// Returns `true` if these fields are an event and not a header. Fields of unused columns may be empty, except the
@@ -138,6 +145,13 @@ fn is_row(fields: &[&[u8]]) -> bool {
 fn sensor_size(width: &[u8], height: &[u8]) -> Option<Sensor> {
     let side = |field| number::pixel(field).filter(|side| (1..=MAX_SENSOR_SIZE).contains(side));
     Some(Sensor::new(side(width)?, side(height)?))
+}
+
+/// Returns the unit of the times and the size of the sensor in evcal's title, `t,x,y,p,us,346x260`.
+fn end_of_title(names: &[&str]) -> Option<(TimeUnit, Sensor)> {
+    let ["t", "x", "y", "p", unit, size] = names else { return None };
+    let (width, height) = size.split_once('x')?;
+    Some((unit.parse().ok()?, sensor_size(width.as_bytes(), height.as_bytes())?))
 }
 
 /// Returns the size in names such as `x@346` and `y@260`, as faery writes them.

@@ -1,5 +1,6 @@
 //! EuRoC's CSV of poses: nanoseconds, position in metres, quaternion with w first, and columns that are not used here.
 
+use evcal_files::text::excerpt;
 use nalgebra::Vector3;
 
 use super::{CaptureError, number, push};
@@ -17,7 +18,7 @@ pub fn parse(text: &str) -> Result<Vec<TimedPose>, CaptureError> {
         let fields: Vec<&str> = content.split(',').collect();
         let at = |column: usize| number(fields.get(column), line);
         let stamp = fields.first().map(|field| field.trim()).unwrap_or_default();
-        let stamp: i64 = stamp.parse().map_err(|_| CaptureError::Number { line, text: stamp.to_owned() })?;
+        let stamp: i64 = stamp.parse().map_err(|_| CaptureError::Number { line, text: excerpt(stamp).into_owned() })?;
         // Nanoseconds since 1970 have more digits than a floating point number: the resolution is microseconds.
         let origin = *first.get_or_insert(stamp);
         let t = origin as f64 * 1e-9 + stamp.saturating_sub(origin) as f64 * 1e-9;

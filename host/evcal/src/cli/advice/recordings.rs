@@ -33,7 +33,7 @@ pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(CalibrateError::SensorUnknown { likely, .. }) = error.downcast_ref() {
         return Some(add_sensor(*likely));
     }
-    if let Some(WriteError::Jump { .. }) = error.downcast_ref() {
+    if let Some(WriteError::Jump { .. } | WriteError::Pauses { .. }) = error.downcast_ref() {
         let next =
             "if the unit of its timestamps is wrong, give it with --time-unit; otherwise cut the recording there";
         return Some(next.to_owned());
