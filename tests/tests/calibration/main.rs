@@ -14,5 +14,6 @@ mod report;
 mod second_camera;
 mod squares;
 mod stage_texts;
+mod two_cameras;
 mod uncertainty;
 mod verdicts;
