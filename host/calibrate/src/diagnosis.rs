@@ -2,6 +2,7 @@
 
 pub mod bad_pixels;
 pub mod disorder;
+pub mod double_edges;
 pub mod fingerprint;
 pub mod flicker;
 pub mod information;

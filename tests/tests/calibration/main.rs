@@ -15,6 +15,7 @@ mod second_camera;
 mod squares;
 mod stage_texts;
 mod stated_boards;
+mod two_cameras;
 mod uncertainty;
 mod verdicts;
 mod views;

@@ -18,6 +18,7 @@ use crate::detection::unplaced::UnplacedWindows;
 use crate::detection::{DetectionReport, LARGEST_SENSOR};
 use crate::diagnosis::bad_pixels::BadPixels;
 use crate::diagnosis::disorder::Disorder;
+use crate::diagnosis::double_edges::DoubleEdges;
 use crate::diagnosis::fingerprint::Fingerprint;
 use crate::diagnosis::flicker::RateBins;
 use crate::diagnosis::saturation::SaturationDetector;
@@ -203,6 +204,7 @@ impl Detected {
             flicker: bins.flicker().filter(|_| may_flicker),
             always_full: bins.is_even(),
             pixels: BadPixels::of_counts(&thinning.counts(), usize::from(sensor.width), thinning.repeated()),
+            double_edges: DoubleEdges::found(thinning.intervals()).filter(|_| coarse_times.is_none()),
             disorder: Disorder::met(&pass.report),
             coarse_times,
             edges: edge_width(&evenly_chosen(&windows)),

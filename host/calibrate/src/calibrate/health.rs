@@ -4,6 +4,7 @@ use crate::check::silent::silent_advice;
 use crate::detection::focus::EdgeWidth;
 use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
 use crate::diagnosis::disorder::Disorder;
+use crate::diagnosis::double_edges::DoubleEdges;
 use crate::diagnosis::flicker::Flicker;
 use crate::diagnosis::rounded::Rounded;
 use crate::diagnosis::silent_lines::SilentLines;
@@ -17,6 +18,7 @@ pub(super) struct Health {
     /// `true` if the event rate is constant over the whole recording.
     pub(super) always_full: bool,
     pub(super) pixels: BadPixels,
+    pub(super) double_edges: Option<DoubleEdges>,
     pub(super) disorder: Option<Disorder>,
     pub(super) coarse_times: Option<CoarseTimes>,
     /// Width of the sharpest circles' edges.
@@ -42,6 +44,7 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
         findings.push(always_full());
     }
     findings.extend(most_repeated.map(repeating));
+    findings.extend(recordings.iter().find_map(|health| health.double_edges).map(doubled));
     let disorders = recordings.iter().filter_map(|health| health.disorder);
     findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
     findings.extend(recordings.iter().find_map(|health| health.coarse_times).map(too_coarse));
@@ -77,6 +80,16 @@ fn always_full() -> Finding {
         severity: Severity::Failure,
         reason: "the camera sent events at its maximum rate all the time: their times are late by an unknown amount".to_owned(),
         advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels".into(),
+    }
+}
+
+fn doubled(edges: DoubleEdges) -> Finding {
+    Finding {
+        // A camera between two cameras fits none of them.
+        cause: Cause::DoubleEdges,
+        severity: Severity::Failure,
+        reason: edges.to_string(),
+        advice: DoubleEdges::ADVICE.into(),
     }
 }
 
@@ -135,7 +148,7 @@ fn silent(lines: &SilentLines) -> Finding {
     let (cause, severity) = match lines {
         SilentLines::SmallerSensor { .. } => (Cause::OtherSensorSize, Severity::Failure),
         SilentLines::Scaled { .. } => (Cause::Scaled, Severity::Failure),
-        SilentLines::CountedFromOne => (Cause::CountedFromOne, Severity::Failure),
+        SilentLines::CountedFromOne { .. } => (Cause::CountedFromOne, Severity::Failure),
         SilentLines::Region { .. } | SilentLines::Corner { .. } if is_large => (Cause::SilentArea, Severity::Warning),
         SilentLines::Region { .. } | SilentLines::Corner { .. } => (Cause::SilentArea, Severity::Note),
         SilentLines::Lines { columns, .. } if columns.is_empty() => (Cause::DeadRows, Severity::Note),
@@ -188,6 +201,8 @@ mod tests {
             ..Health::default()
         };
         assert_eq!(causes(&[twice(0.1), twice(0.5), Health::default()]), [(Cause::RepeatedEvents, Severity::Warning)]);
+        let doubled = Health { double_edges: Some(DoubleEdges { percent: 5.0 }), ..Health::default() };
+        assert_eq!(causes(&[Health::default(), doubled]), [(Cause::DoubleEdges, Severity::Failure)]);
         let disorder = Disorder { share: 0.9, largest: 30_000 };
         let disordered = Health { disorder: Some(disorder), ..Health::default() };
         assert_eq!(causes(&[Health::default(), disordered]), [(Cause::OutOfOrder, Severity::Warning)]);

@@ -87,7 +87,7 @@ const LARGE_AREA: f64 = 0.2;
 /// Returns `true` if silent lines make a calibration wrong or impossible.
 fn is_grave(silent: &SilentLines) -> bool {
     match silent {
-        SilentLines::SmallerSensor { .. } | SilentLines::Scaled { .. } | SilentLines::CountedFromOne => true,
+        SilentLines::SmallerSensor { .. } | SilentLines::Scaled { .. } | SilentLines::CountedFromOne { .. } => true,
         SilentLines::Region { .. } | SilentLines::Corner { .. } => silent.silent_area() >= LARGE_AREA,
         SilentLines::Lines { .. } => false,
     }

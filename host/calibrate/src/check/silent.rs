@@ -12,8 +12,8 @@ pub fn silent_advice(lines: &SilentLines) -> Advice {
     match lines {
         SilentLines::SmallerSensor { smaller, .. } => Advice::NameSensor(Some(*smaller)),
         SilentLines::Scaled { .. } => Rounded::ADVICE.into(),
-        SilentLines::CountedFromOne => {
-            "if the program that wrote the file counts from 1, subtract 1 from x and y there: otherwise the principal point is off by one pixel".into()
+        SilentLines::CountedFromOne { .. } => {
+            "if the program that wrote the file counts from 1, subtract 1 there: otherwise the principal point is off by one pixel".into()
         }
         SilentLines::Region { .. } | SilentLines::Corner { .. } | SilentLines::Lines { .. } => IS_IT_BROKEN.into(),
     }

@@ -44,8 +44,13 @@ pub enum SilentLines {
         /// Number of silent rows.
         rows: usize,
     },
-    /// The first column and the first row are silent, and all others are active: the pixels are counted from 1.
-    CountedFromOne,
+    /// The first column or the first row is silent, or both, and all others are active: the pixels are counted from 1.
+    CountedFromOne {
+        /// `true` if columns are.
+        columns: bool,
+        /// `true` if rows are.
+        rows: bool,
+    },
     /// Events come from these columns and rows only, first and last: a region of interest is set, or a part of the sensor is broken.
     Region {
         /// The sensor.
@@ -98,8 +103,13 @@ impl SilentLines {
         if let (Some(columns), Some(rows)) = (scaled(&columns), scaled(&rows)) {
             return Some(Self::Scaled { columns, rows });
         }
-        if across.is_only_first_silent() && down.is_only_first_silent() {
-            return Some(Self::CountedFromOne);
+        let is_first_silent = [&across, &down].map(Profile::is_only_first_silent);
+        if let [columns, rows] = is_first_silent
+            && (columns || rows)
+            && (columns || across.is_active())
+            && (rows || down.is_active())
+        {
+            return Some(Self::CountedFromOne { columns, rows });
         }
         if across.is_cut() || down.is_cut() {
             return Some(Self::Region { sensor: stated, columns: across.region(), rows: down.region() });
@@ -136,8 +146,12 @@ impl fmt::Display for SilentLines {
                 f,
                 "{columns} columns and {rows} rows between others send nothing: the coordinates of the events were scaled"
             ),
-            Self::CountedFromOne => {
+            Self::CountedFromOne { columns: true, rows: true } => {
                 write!(f, "column 0 and row 0 send nothing, and all others do: coordinates seem to count from 1")
+            }
+            Self::CountedFromOne { columns, .. } => {
+                let (line, axis) = if *columns { ("column", "x") } else { ("row", "y") };
+                write!(f, "{line} 0 sends nothing, and all others do: {axis} seems to count from 1")
             }
             Self::Region { sensor, columns, rows } => f.write_str(&region(*sensor, *columns, *rows)),
             Self::Corner { columns: [left, right], rows: [top, bottom] } => {
@@ -229,6 +243,10 @@ impl<'a> Profile<'a> {
             && self.is_silent_before()
             && self.last + 1 == self.events.len()
             && self.events.iter().skip(1).all(|count| *count > 0)
+    }
+
+    fn is_active(&self) -> bool {
+        self.events.iter().all(|count| *count > 0)
     }
 
     /// Returns `true` if many lines at a border are silent.
@@ -374,9 +392,17 @@ mod tests {
     /// Coordinates from 1, cut at the size of the sensor, move the principal point by one pixel.
     #[test]
     fn coordinates_from_one_are_detected_although_they_were_cut_at_the_sensor() {
-        assert_eq!(found(DAVIS, |x, y| x > 0 && y > 0), Some(SilentLines::CountedFromOne));
-        assert_ne!(found(DAVIS, |x, y| x > 0 && y > 0 && y < 259), Some(SilentLines::CountedFromOne));
-        assert_ne!(found(DAVIS, |x, _| x > 0), Some(SilentLines::CountedFromOne));
+        let from_one = |columns, rows| Some(SilentLines::CountedFromOne { columns, rows });
+        assert_eq!(found(DAVIS, |x, y| x > 0 && y > 0), from_one(true, true));
+        // A broken last row as well.
+        assert_ne!(found(DAVIS, |x, y| x > 0 && y > 0 && y < 259), from_one(true, true));
+        // Along one axis only.
+        assert_eq!(found(DAVIS, |x, _| x > 0), from_one(true, false));
+        assert_eq!(found(DAVIS, |_, y| y > 0), from_one(false, true));
+        let text = found(DAVIS, |_, y| y > 0).map(|lines| lines.to_string());
+        assert_eq!(text.as_deref(), Some("row 0 sends nothing, and all others do: y seems to count from 1"));
+        // A broken column or row as well.
+        assert_ne!(found(DAVIS, |x, y| x > 0 && y != 7), from_one(true, false));
         // The board hardly reaches the border, and there is no noise: fewer and fewer events from line to line.
         let reach = |x: u16, y: u16| u32::from(x.min(y)).min(20);
         assert_eq!(counted(DAVIS, reach), None);

@@ -110,6 +110,8 @@ pub enum Cause {
     LensChanged,
     /// The board changed within the recordings.
     BoardChanged,
+    /// Edges appear twice: the events of two cameras were merged.
+    DoubleEdges,
     /// The recording contains events more than once.
     RepeatedEvents,
     /// The lens is out of focus, or dirty.

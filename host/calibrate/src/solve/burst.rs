@@ -14,6 +14,8 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
+use crate::diagnosis::double_edges::{CLOSE, FirstIntervals, OCTAVES};
+
 /// Largest rank with a class of its own; later events of a burst share it.
 pub const MAX_RANK: u8 = 3;
 
@@ -93,6 +95,8 @@ struct PixelState {
     length: u8,
     /// Number of the burst, modulo 256.
     burst: u8,
+    /// `true` if the burst has two events so far, at an interval in [`CLOSE`].
+    is_close: bool,
 }
 
 /// Follows the bursts of every pixel of a sensor, and counts its events.
@@ -101,6 +105,7 @@ pub struct BurstTracker {
     pixels: Vec<PixelState>,
     longest_pause: i64,
     repeated: u64,
+    intervals: FirstIntervals,
 }
 
 impl BurstTracker {
@@ -108,9 +113,10 @@ impl BurstTracker {
     /// new burst.
     pub fn new(sensor: Sensor, longest_pause: i64) -> Self {
         let width = usize::from(sensor.width);
-        let state = PixelState { last: i64::MIN, before: 0, count: 0, polarity: 0, length: 0, burst: 0 };
+        let state =
+            PixelState { last: i64::MIN, before: 0, count: 0, polarity: 0, length: 0, burst: 0, is_close: false };
         let pixels = vec![state; width * usize::from(sensor.height)];
-        Self { width, pixels, longest_pause, repeated: 0 }
+        Self { width, pixels, longest_pause, repeated: 0, intervals: FirstIntervals::default() }
     }
 
     /// Returns the index of a pixel; `None` outside the sensor.
@@ -139,6 +145,11 @@ impl BurstTracker {
         self.repeated
     }
 
+    /// Returns the intervals after the first event of each burst.
+    pub fn intervals(&self) -> &FirstIntervals {
+        &self.intervals
+    }
+
     /// Takes the next event in time order and returns its rank in its burst; `None` for an event outside the sensor.
     pub fn push(&mut self, event: &Event) -> Option<BurstBeginning> {
         let pixel = self.pixel(event.x, event.y)?;
@@ -148,6 +159,19 @@ impl BurstTracker {
         // The pause before the first event is longer than any other.
         let continues = is_same & (event.t.saturating_sub(state.last) <= self.longest_pause);
         self.repeated += u64::from(is_same & (event.t == state.last));
+        let was_close = state.is_close;
+        state.is_close = false;
+        if state.length == 1 || was_close {
+            let octave = octave(event.t.saturating_sub(state.last));
+            let is_close = octave.is_some_and(|octave| CLOSE.contains(&octave));
+            if was_close {
+                self.intervals.thirds[usize::from(is_same)] += u64::from(is_close);
+            } else if let Some(octave) = octave {
+                let of = if is_same { &mut self.intervals.same } else { &mut self.intervals.opposite };
+                of[octave.min(OCTAVES - 1)] += 1;
+                state.is_close = is_same & is_close;
+            }
+        }
         let before = state.before << LENGTH_BITS | u32::from(LENGTH_INDICES[usize::from(state.length)]);
         state.before = if continues { state.before } else { before };
         state.burst = state.burst.wrapping_add(u8::from(!continues));
@@ -178,6 +202,11 @@ impl BurstTracker {
     }
 }
 
+/// Returns the octave of an interval (µs); `None` if it is zero.
+fn octave(interval: i64) -> Option<usize> {
+    u64::try_from(interval).ok()?.checked_ilog2().map(|octave| octave as usize)
+}
+
 #[cfg(test)]
 mod tests {
     use super::BurstLength::{FiveOrMore, Four, OneOrTwo, Three};
@@ -195,6 +224,20 @@ mod tests {
         assert_eq!(lengths, [short, short, long, long, long, long, long, short, short]);
         assert_eq!(tracker.push(&Event { t: 3000, x: 4, y: 0, polarity: On }), None);
         assert_eq!(tracker.push(&Event { t: 3000, x: 0, y: 3, polarity: On }), None);
+    }
+
+    #[test]
+    fn intervals_after_the_first_event_of_a_burst_are_counted() {
+        let mut tracker = BurstTracker::new(Sensor::new(4, 3), 100_000);
+        // 20 µs, then 100 µs; 1500 µs to the opposite polarity; 10 µs to the opposite one, and no third; 2 s.
+        let events = [(0, Off), (20, Off), (120, Off), (300, On), (1800, Off), (1810, On), (2_001_810, On)];
+        for (t, polarity) in events {
+            tracker.push(&Event { t, x: 1, y: 1, polarity });
+        }
+        let mut expected = FirstIntervals { thirds: [0, 1], ..FirstIntervals::default() };
+        (expected.same[4], expected.same[15]) = (1, 1);
+        (expected.opposite[10], expected.opposite[3]) = (1, 1);
+        assert_eq!(*tracker.intervals(), expected);
     }
 
     #[test]

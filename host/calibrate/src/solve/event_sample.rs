@@ -11,6 +11,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::burst::{BurstBeginning, BurstLength, BurstPosition, BurstTracker};
+use crate::diagnosis::double_edges::FirstIntervals;
 
 /// An event with its rank and burst length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -122,6 +123,11 @@ impl Thinning {
     /// Returns the number of events that have the same time and polarity as the previous event of their pixel.
     pub fn repeated(&self) -> u64 {
         self.bursts.repeated()
+    }
+
+    /// Returns the intervals after the first event of each burst.
+    pub fn intervals(&self) -> &FirstIntervals {
+        self.bursts.intervals()
     }
 
     fn ranked(&self, event: &Waiting) -> RankedEvent {

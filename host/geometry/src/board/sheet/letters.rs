@@ -11,6 +11,8 @@ const BEARING: f64 = 1.0;
 pub const STEPS: f64 = 10.0;
 /// Width of the strokes in steps of the lattice.
 pub const STROKE: f64 = 0.85;
+/// Length of a stroke of one corner in steps of the lattice.
+const DOT: f64 = 0.5;
 /// Width of a letter in steps of the lattice.
 pub const ADVANCE: f64 = 6.0;
 
@@ -108,7 +110,15 @@ pub fn strokes(letter: char) -> Vec<Vec<[f64; 2]>> {
         let mut digits = pair.chars().filter_map(|digit| digit.to_digit(10)).map(f64::from);
         Some([digits.next()? + BEARING, digits.next()? - BASE_LINE])
     };
-    written.split('|').map(|stroke| stroke.split(' ').filter_map(corner).collect()).collect()
+    let stroke = |written: &str| {
+        let mut corners: Vec<[f64; 2]> = written.split(' ').filter_map(corner).collect();
+        // Viewers draw a stroke without a length as a hairline.
+        if let [[x, y]] = corners[..] {
+            corners.push([x + DOT, y]);
+        }
+        corners
+    };
+    written.split('|').map(stroke).collect()
 }
 
 #[cfg(test)]
@@ -121,7 +131,8 @@ mod tests {
             let later = LETTERS.iter().skip(index + 1);
             assert!(later.clone().all(|(other, strokes)| other != letter && strokes != written), "{letter}");
             let corners: Vec<[f64; 2]> = strokes(*letter).concat();
-            assert_eq!(corners.len(), written.split(['|', ' ']).count(), "{letter}");
+            let dots = written.split('|').filter(|stroke| stroke.len() == 2).count();
+            assert_eq!(corners.len(), written.split(['|', ' ']).count() + dots, "{letter}");
             assert!(corners.iter().all(|[x, y]| (1.0..=5.0).contains(x) && (-2.0..=6.0).contains(y)), "{letter}");
         }
         assert!(strokes(' ').is_empty());
