@@ -352,7 +352,7 @@ mod tests {
     fn the_code_on_a_sheet_is_not_taken_for_a_tag() {
         for (text, paper) in [
             ("checkerboard:6x9:22mm", "a4"),
-            ("aprilgrid:3x4:40mm:0.3", "a4"),
+            ("aprilgrid:3x4:33mm:0.3", "a4"),
             ("apriltags:4x6:25mm:0.25", "a4"),
             ("charuco:5x7:30mm:22mm:DICT_5X5_50", "a4"),
             ("aprilgrid:6x6:35.2mm:0.3", "a3"),

@@ -24,8 +24,11 @@ fn calibrated(board: &str, seed: &str, stated: &str, options: &[&str]) -> String
     let events = simulated(board, seed);
     let arguments =
         [&["calibrate", text(&events), "--board", stated, "--threads", "2", "--accept-any"], options].concat();
-    let folder = made(&format!("stated-board-{seed}-{}", options.len()), &arguments);
-    read_json(&folder.join("calibration.json"))["board"].as_str().expect("a board").to_owned()
+    let folder = tempfile::tempdir().expect("a folder");
+    let finished = evcal(&[&arguments[..], &["-o", text(&folder.path().join("result"))]].concat());
+    assert_eq!(finished.code, Some(0), "{}", finished.stderr);
+    let result = read_json(&folder.path().join("result/calibration.json"));
+    result["board"].as_str().expect("a board").to_owned()
 }
 
 /// The board in view used to be refused as another one, or, with a wrong layout or first id, the trajectory was one square off.

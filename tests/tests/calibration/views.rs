@@ -25,7 +25,7 @@ fn a_folder_of_images_calibrates_its_camera() {
     let truth = &read_json(&simulation.join("truth.json"))["second_camera"]["camera"];
     for name in ["fx", "fy", "cx", "cy"] {
         let value = |camera: &Value| numbers(&camera["parameters"][name])[0];
-        let (error, sigma) = (value(&table["camera"]) - value(truth), numbers(&table["sigma"]["intrinsics"][name])[0]);
+        let (error, sigma) = (value(&table["camera"]) - value(truth), numbers(&table["sigma"]["parameters"][name])[0]);
         assert!(error.abs() < 4.0 * sigma && error.abs() < 0.5, "{name} is off by {error} ± {sigma}");
     }
     let images = calibrated("images-alone", &simulation.join("second/data"), &["--frames-only"]);

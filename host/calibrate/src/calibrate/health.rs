@@ -148,7 +148,10 @@ fn silent(lines: &SilentLines) -> Finding {
     let (cause, severity) = match lines {
         SilentLines::SmallerSensor { .. } => (Cause::OtherSensorSize, Severity::Failure),
         SilentLines::Scaled { .. } => (Cause::Scaled, Severity::Failure),
-        SilentLines::CountedFromOne { .. } => (Cause::CountedFromOne, Severity::Failure),
+        // A single silent line may be broken.
+        SilentLines::CountedFromOne { columns, rows } => {
+            (Cause::CountedFromOne, if *columns && *rows { Severity::Failure } else { Severity::Warning })
+        }
         SilentLines::Region { .. } | SilentLines::Corner { .. } if is_large => (Cause::SilentArea, Severity::Warning),
         SilentLines::Region { .. } | SilentLines::Corner { .. } => (Cause::SilentArea, Severity::Note),
         SilentLines::Lines { columns, .. } if columns.is_empty() => (Cause::DeadRows, Severity::Note),

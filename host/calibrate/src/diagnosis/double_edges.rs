@@ -26,11 +26,12 @@ pub const CLOSE: std::ops::Range<usize> = 3..7;
 const FEWEST: u64 = 500;
 /// Largest ratio of the numbers per microsecond of two octaves of short intervals. It is 1.03 to 1.28 for two simulated cameras.
 const EVEN: f64 = 2.0;
-/// Smallest ratio of the number of short intervals per microsecond to the largest number of usual ones. It is 0.15 to 0.90 for two
-/// simulated cameras; below 0.001 for one in 18 simulated recordings, and 0.04 in one of ten real ones, where it is not even.
+/// Smallest ratio of the number of short intervals per microsecond to the largest number of usual ones. It is 0.15 to 0.90 in six
+/// recordings of two simulated cameras; below 0.001 in simulated recordings of one, and 0.04 in one of ten real ones, where it is not
+/// even.
 const SMALLEST: f64 = 0.07;
-/// Number of third events, as a share of the number with a third image, from which there are more than two images: 0.15 to 0.4 for
-/// binned pixels, below 0.03 for two cameras.
+/// Number of third events, as a share of the number with a third image, from which there are more than two images. With intervals up
+/// to 0.25 ms it is 0.15 to 0.4 for binned pixels, and at most 0.05 for two cameras.
 const THIRD: f64 = 0.08;
 
 /// Intervals between the first event of a burst and the next event of its pixel.

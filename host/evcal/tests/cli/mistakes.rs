@@ -91,7 +91,6 @@ const USAGE: &[Mistake] = &[
     mistake("calibrate a.csv --board BOARD --imu i.csv --gravity nan -o DIR/out", 2, "--gravity", "9.7 to 9.9 m/s²"),
     mistake("calibrate a.csv --board BOARD --imu i.csv --gravity 0 -o DIR/out", 2, "--gravity", "9.7 to 9.9 m/s²"),
     mistake("calibrate a.csv --board BOARD --frame-only -o DIR/out", 2, "--frame-only", "--frames-only"),
-    mistake("calibrate a.csv --board BOARD --frames-only --fix k3=0 -o DIR/out", 2, "--frames-only", "--fix"),
     mistake("live --board BOARD --fix k9=0 -o DIR/out", 2, "k9", "k1"),
     mistake("detect FIXTURE --board BOARD --fewest 9", 2, "--board", "--fewest"),
     mistake("evaluate DIR/camera --truth DIR/camera --body rig", 2, "--body", "--truth"),

@@ -216,7 +216,7 @@ fn coarse_times_do_not_hide_another_board() {
 fn standard_output_is_a_stream_even_if_redirected_to_a_file() {
     let directory = tempfile::tempdir().unwrap();
     let [from, to] = ["from.csv", "to.csv"].map(|name| directory.path().join(name));
-    let content = "# sensor 346 x 260\nt_us,x,y,p\n10,1,2,1\n20,3,4,0\n";
+    let content = "t,x,y,p,us,346x260\n10,1,2,1\n20,3,4,0\n";
     fs::write(&from, content).unwrap();
     for name in ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_evcal"));
