@@ -17,7 +17,7 @@ use crate::detection::pictures::tag_corners::TagCorners;
 use crate::initial::model_choice::{ModelChoice, ModelRequest, USUAL};
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
-    NoPictureCalibration, PictureCalibration, PictureSource, calibrate_pictures,
+    NoPictureCalibration, PictureCalibration, PictureReport, PictureSource, calibrate_pictures,
 };
 use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::quality::cross_check::{CrossCheckOutcome, FailedCrossCheck, NoCrossCheck, cross_check_pictures};
@@ -178,7 +178,8 @@ fn picture_calibration(
     let _ = progress.report(format!("calibration from {} {source}", frames.len()));
     let calibrate = |frames, report| {
         let (initial, fixed) = (&task.settings.initial, &task.parameters.fixed_intrinsics);
-        calibrate_pictures(frames, report, source, task.board, sensor, model, initial, fixed)
+        let report = PictureReport { source, detection: report, ..PictureReport::default() };
+        calibrate_pictures(frames, report, task.board, sensor, model, initial, fixed)
     };
     let mut calibrated = calibrate(frames, report);
     let tags = fits_tags(task, source);

@@ -191,22 +191,20 @@ fn in_words(refused: &BTreeMap<NoBoard, u64>) -> String {
     if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) }
 }
 
-/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which `board` was found. Its
-/// parameters with a value in `fixed` keep it.
+/// Calibrates a camera of model `kind` on a sensor of (width, height) pixels from the pictures in which `board` was found, and completes
+/// the `report` of their search. The camera's parameters with a value in `fixed` keep it.
 ///
 /// # Errors
 /// [`NoPictureCalibration`] if too few pictures are left, or they do not determine the camera.
 pub fn calibrate_pictures(
     frames: Vec<ReferenceFrame>,
-    detection: PictureSearchReport,
-    source: PictureSource,
+    mut report: PictureReport,
     board: &Board,
     sensor: Sensor,
     kind: ModelKind,
     settings: &InitialSettings,
     fixed: &[Option<f64>; MAX_PARAMETERS],
 ) -> Result<PictureCalibration, NoPictureCalibration> {
-    let mut report = PictureReport { source, detection, ..PictureReport::default() };
     let initial = match start(&frames, &report, board, sensor, kind, settings) {
         Ok(initial) => initial,
         Err(reason) => return Err(NoPictureCalibration { reason, report: Box::new(report) }),
@@ -226,7 +224,7 @@ pub fn calibrate_pictures(
         .collect();
     let bundle = picture_bundle(&initial.camera, &views, sensor, HUBER, fixed);
     let Some(PictureBundle { camera, poses, covariance, inflation, spread, rms, median, .. }) = bundle else {
-        let reason = PictureFailure::Undetermined { count: views.len(), pictures: source };
+        let reason = PictureFailure::Undetermined { count: views.len(), pictures: report.source };
         return Err(NoPictureCalibration { reason, report: Box::new(report) });
     };
     let mut posed = initial.frames.clone();
