@@ -10,9 +10,19 @@ use usb_davis::capture::CaptureError;
 use super::columns::LayoutError;
 use super::counted::counted;
 use super::options::{FormatOption, TimeUnit};
-use super::reader::most_events;
 use super::text::error::LineError;
 use super::unsupported_format::UnsupportedFormat;
+
+/// Limit of the number of events in a file: this constant, plus [`EVENTS_PER_BYTE`] times its size. The densest encodings have
+/// 6 events per byte, and noise keeps compression from gaining a factor of 5.
+const FEWEST_ALLOWED: u64 = 1 << 24;
+const EVENTS_PER_BYTE: u64 = 32;
+
+/// Returns the largest number of events that files with this number of bytes may contain. A few kilobytes that repeat
+/// themselves would otherwise fill any memory.
+pub(crate) fn most_events(bytes: u64) -> u64 {
+    bytes.saturating_mul(EVENTS_PER_BYTE).saturating_add(FEWEST_ALLOWED)
+}
 
 /// Error while reading a recording, with the file's path.
 #[derive(Debug, thiserror::Error)]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use evcal_core::event::{Event, Polarity};
 use evcal_files::visible;
 
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, most_events};
 use crate::options::RecordingOptions;
 use crate::order::{Order, WINDOW};
 use crate::read_report::ReadReport;
@@ -31,17 +31,6 @@ const MANY_OF_A_POLARITY: u64 = 1000;
 /// Times beyond ±2⁵⁵ µs (1100 years) are rejected. With at most [`MAX_RESETS`] shifts of twice that, no returned time
 /// exceeds 2⁶¹ µs.
 const MAX_TIME: i64 = 1 << 55;
-
-/// Limit of the number of events in a file: this constant, plus [`EVENTS_PER_BYTE`] times its size. The densest encodings have
-/// 6 events per byte, and noise keeps compression from gaining a factor of 5.
-const FEWEST_ALLOWED: u64 = 1 << 24;
-const EVENTS_PER_BYTE: u64 = 32;
-
-/// Returns the largest number of events that files with this number of bytes may contain. A few kilobytes that repeat
-/// themselves would otherwise fill any memory.
-pub(crate) fn most_events(bytes: u64) -> u64 {
-    bytes.saturating_mul(EVENTS_PER_BYTE).saturating_add(FEWEST_ALLOWED)
-}
 
 /// The largest sensor width or height that can be read.
 pub const MAX_SENSOR_SIZE: u16 = Sensor::MOST_PIXELS_A_SIDE;

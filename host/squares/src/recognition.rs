@@ -355,7 +355,7 @@ mod tests {
             ("aprilgrid:3x4:33mm:0.3", "a4"),
             ("apriltags:4x6:25mm:0.25", "a4"),
             ("charuco:5x7:30mm:22mm:DICT_5X5_50", "a4"),
-            ("aprilgrid:6x6:35.2mm:0.3", "a3"),
+            ("aprilgrid:6x6:32mm:0.3", "a3"),
         ] {
             let board: SquareBoard = text.parse().unwrap();
             let page = Page { paper: paper.parse().unwrap(), margin: 10.0, typed: "--board " };

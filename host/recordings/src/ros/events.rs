@@ -9,12 +9,12 @@ use super::message::{self, Description, Kind};
 use super::packet::ENCODINGS;
 use super::packet::PacketDecoder;
 use super::picture;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, most_events};
 use crate::format::{OpenResult, StreamSummary};
 use crate::options::{Damage, RecordingOptions};
 use crate::prophesee::{TRIGGERS, store_counts};
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation, most_events};
+use crate::reader::{Decode, RecordingInformation};
 
 /// Number of events from which a batch is returned.
 const BATCH: usize = 16_384;

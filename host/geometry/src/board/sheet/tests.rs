@@ -23,7 +23,7 @@ fn nothing_overlaps_the_margin_and_marks_do_not_overlap_dots() {
         ("acircles:9x4:20mm:r6mm", "a4"),
         ("acircles:4x9:13mm:r4mm", "letter"),
         ("circles:5x8:25mm:r8mm", "a3"),
-        ("circles:2x2:8mm:r3mm", "100x90mm"),
+        ("circles:2x2:8mm:r3mm", "120x90mm"),
     ] {
         let sheet = board_sheet(&board(text), &page(paper(paper_name))).unwrap();
         let inside = |[x, y]: [f64; 2], around: f64| {
