@@ -164,9 +164,11 @@ pub fn examine(
     let before = uncertainty.covariance.clone();
     let of_misfit = misfit.as_ref().map_or(0.0, |misfit| misfit.rms);
     let of_model = of_misfit.max(rival.as_ref().map_or(0.0, |rival| rival.difference.rms));
-    let projection = in_the_image(&uncertainty)?;
-    let uncertainty = with_misfit(uncertainty, &projection, of_model);
-    let projection = in_the_image(&uncertainty)?;
+    let mut projection = in_the_image(&uncertainty)?;
+    if of_model > 0.0 {
+        uncertainty = with_misfit(uncertainty, &projection, of_model);
+        projection = in_the_image(&uncertainty)?;
+    }
     let projection_parts = parts
         .projection(&state.camera, &(&uncertainty.covariance - before), problem.sensor)
         .map_err(|_| SolveError::Singular)?;

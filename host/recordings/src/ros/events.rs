@@ -1,5 +1,7 @@
 //! Decoder of the events of one topic.
 
+use std::fs;
+use std::io;
 use std::path::Path;
 
 use evcal_core::event::Event;
@@ -169,13 +171,22 @@ impl Decode for Decoder {
     }
 }
 
+/// Returns the size in bytes of the file at `path`, or of the files in the folder there.
+fn size_of(path: &Path) -> io::Result<u64> {
+    let metadata = fs::metadata(path)?;
+    if metadata.is_file() {
+        return Ok(metadata.len());
+    }
+    fs::read_dir(path)?.map(|entry| Ok(entry?.metadata()?.len())).sum()
+}
+
 /// Counts the content of the topics of the file at `path`. Damaged messages are counted, but not their elements.
 pub fn summarise(
     open: OpenContainer,
     path: &Path,
     options: &RecordingOptions,
 ) -> Result<Vec<StreamSummary>, RecordingError> {
-    let bytes = std::fs::metadata(path).map_err(|error| RecordingError::io(path, error))?.len();
+    let bytes = size_of(path).map_err(|error| RecordingError::io(path, error))?;
     let mut container = open(path)?;
     let mut summaries: Vec<StreamSummary> = Vec::new();
     let mut decoders: Vec<PacketDecoder> = Vec::new();

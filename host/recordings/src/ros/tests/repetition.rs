@@ -58,3 +58,15 @@ fn a_file_cannot_have_more_events_than_its_size_allows() {
     assert!(count <= most + (1 << 20) && largest < 1 << 20, "{count} events, {largest} at once");
     assert!(recording.streams().unwrap_err().to_string().contains("more than"));
 }
+
+/// The files of a bag folder count, not the folder itself.
+#[test]
+fn a_folder_may_have_as_many_events_as_its_files_allow() {
+    // More events than a file without content may have.
+    const VECTORS: usize = 3 << 19;
+    let words: Vec<u16> = [0x8001_u16, 0x6002, 0x0007, 0x3803].into_iter().chain([0x4fff].repeat(VECTORS)).collect();
+    let directory =
+        folder(&[("b_0.mcap", mcap("", &vec![("/a", PACKET, event_packet(Wire::Cdr, "evt3", 0, &words))]))], "");
+    let streams = Recording::new(directory.path(), RecordingOptions::default()).unwrap().streams().unwrap();
+    assert_eq!(streams.iter().map(|stream| stream.elements).sum::<u64>(), 12 * VECTORS as u64);
+}
