@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, choose_board};
-use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
+use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
 use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::calibrate::second::{calibrate_against_first, calibrate_lens_separately, picture_use_of_second};
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task};
@@ -77,42 +76,34 @@ impl CalibrationJob {
         }
         let mut first = evcal_calibrate::calibrate::calibrate(&task, &mut on_progress).map_err(failed)?;
         let mut failures = Vec::new();
-        let inertial = self.inertial.as_ref().map(|request| {
+        if let Some(request) = &self.inertial {
             let _ = on_progress(Step { text: "IMU", done: None });
-            calibrate_inertial(&first, &self.inputs, request, None)
-        });
-        let inertial = inertial.transpose().unwrap_or_else(|error| {
-            failures.push(("the IMU".to_owned(), in_words(&error)));
-            None
-        });
-        let mut cameras = Vec::new();
-        for other in &self.others {
-            match self.second(&first, other, &task, &mut on_progress) {
-                Ok(second) => cameras.push(second),
-                Err(reason) => failures.push((other.name(), reason)),
-            }
+            let found = calibrate_inertial(&first, &self.inputs, request, None);
+            failures.extend(first.add_inertial(found).err().map(|error| ("the IMU".to_owned(), in_words(&error))));
         }
-        if let Evidence::Events(events) = &mut first.evidence {
-            events.inertial = inertial;
-            events.second_cameras = cameras;
+        for other in &self.others {
+            if let Err(reason) = self.add_second(&mut first, other, &task, &mut on_progress) {
+                failures.push((other.name(), reason));
+            }
         }
         Ok((first, failures))
     }
 
-    /// Calibrates another camera against the `first`; returns the reason if this is impossible.
-    fn second(
+    /// Calibrates another camera against the `first` and adds it; returns the reason if this is impossible.
+    fn add_second(
         &self,
-        first: &Calibrated,
+        first: &mut Calibrated,
         other: &Input,
         task: &Task,
         on_progress: &mut (impl FnMut(Step) -> ControlFlow<()> + Send),
-    ) -> Result<SecondCamera, String> {
+    ) -> Result<(), String> {
         let pictures = picture_use_of_second(&self.inputs, other);
         let separate = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
         let second = calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| in_words(&error))?;
         let _ = on_progress(Step { text: "both cameras", done: None });
-        calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None])
-            .map_err(|error| in_words(&error))
+        let found =
+            calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None]);
+        first.add_second(found).map_err(|error| in_words(&error))
     }
 }
 

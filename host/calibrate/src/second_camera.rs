@@ -38,7 +38,7 @@ use crate::solve::observation::{EventBin, EventObservation, SegmentObservations}
 use crate::solve::refinement::Refined;
 use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
 use crate::trajectory::mean_distance;
-use evcal_geometry::board::symmetry::Symmetry;
+use evcal_geometry::board::symmetry::{Symmetries, Symmetry};
 
 /// Largest σ of the rotation (rad) with which a mount counts as determined.
 const LEAST_KNOWN_ROTATION: f64 = 0.35;
@@ -52,7 +52,7 @@ pub struct SeparateCalibration<'a> {
     pub uncertainty: &'a Uncertainty,
 }
 
-/// Calibrates the `second` camera against the `first`, with a board that looks the same after the rotations `symmetries`.
+/// Calibrates the `second` camera against the `first`, with a board of these `symmetries`.
 /// Intrinsics are estimated too, unless `lenses` contains them.
 ///
 /// # Errors
@@ -60,12 +60,12 @@ pub struct SeparateCalibration<'a> {
 pub fn calibrate_second(
     first: SeparateCalibration,
     second: SeparateCalibration,
-    symmetries: &[Symmetry],
+    symmetries: &Symmetries,
     lenses: Lenses,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let trajectories = &first.refined.state.trajectories;
     let start = start::start(trajectories, &Seen::along(&second.refined.state.trajectories), symmetries, start::LOOSE)?;
-    let segments = seen_by_both(first.refined, &second.refined.problem.segments, &start, symmetries);
+    let segments = seen_by_both(first.refined, &second.refined.problem.segments, &start, &symmetries.rotations);
     let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.events.len()).sum::<usize>();
     let left_out = 1.0 - count(&segments) as f64 / count(&second.refined.problem.segments).max(1) as f64;
     let joint = Joint {

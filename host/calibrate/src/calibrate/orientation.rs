@@ -1,18 +1,18 @@
-//! Findings on the orientation of the image. A board that is its own mirror image looks right in a mirrored image.
-
-use std::collections::BTreeSet;
+//! Findings on the orientation of the image. A board that is its own mirror image looks right in a mirrored image; a device on
+//! the mount shows it.
 
 use evcal_core::sensor::Sensor;
 use event_recordings::likely_sensor::likely_sensor;
 
+use super::calibrated::Calibrated;
 use crate::advice::Advice;
-use crate::quality::verdict::{Cause, Finding, Severity};
+use crate::quality::verdict::{Cause, Finding, Severity, Verdict};
 use evcal_geometry::board::Board;
-use evcal_geometry::board::squares::SquareBoard;
+use evcal_geometry::board::symmetry::reflection;
 
 /// Returns the finding on the orientation of the image of `sensor`; `None` if `board` shows that the image is not mirrored.
 pub(super) fn finding_on(board: &Board, sensor: Sensor) -> Option<Finding> {
-    is_own_mirror_image(board).then(|| match turned_sensor(sensor) {
+    reflection(board).map(|_| match turned_sensor(sensor) {
         Some(turned) => Finding {
             cause: Cause::ExchangedAxes,
             severity: Severity::Failure,
@@ -24,7 +24,8 @@ pub(super) fn finding_on(board: &Board, sensor: Sensor) -> Option<Finding> {
             severity: Severity::Note,
             reason: "it was not checked whether the image is mirrored, because this board is its own mirror image"
                 .to_owned(),
-            advice: "if in doubt, see in a picture of the events that nothing is mirrored".into(),
+            advice: "if in doubt, see in a picture of the events that nothing is mirrored, or calibrate the IMU, too"
+                .into(),
         },
     })
 }
@@ -36,48 +37,49 @@ fn turned_sensor(sensor: Sensor) -> Option<Sensor> {
     (sensor.height > sensor.width && likely_sensor(column, row) == Some(turned)).then_some(turned)
 }
 
-/// Returns `true` if the mirror image of `board`, turned by a multiple of 90°, has the same points. Tags show whether they are
-/// mirrored.
-fn is_own_mirror_image(board: &Board) -> bool {
-    /// Resolution of positions, as a share of the longer side.
-    const RESOLUTION: f64 = 1e-4;
-    if matches!(board, Board::Squares(SquareBoard::Tags(_) | SquareBoard::Charuco(_))) {
-        return false;
+/// What a device on the mount shows about the image of the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shown {
+    /// Its orientation is right.
+    Right,
+    /// The accelerometer measures the opposite of each acceleration along the trajectory.
+    OppositeAccelerations,
+    /// One of two cameras on the mount is mirrored.
+    OneOfTwoMirrored,
+}
+
+/// Settles the orientation of the image of `calibrated`, if its verdict says that it was not checked.
+pub(super) fn settle(calibrated: &mut Calibrated, shown: Shown) {
+    let is_open = |finding: &Finding| finding.cause == Cause::OrientationNotChecked;
+    let mut findings = calibrated.verdict.findings.clone();
+    if !findings.iter().any(is_open) {
+        return;
     }
-    let (low, high) = board.extent();
-    let middle = 0.5 * (low + high);
-    let unit = RESOLUTION * board.longer_side();
-    let points = || (0..board.point_count()).map(|index| (board.point(index) - middle) / unit);
-    let rounded = |[x, y]: [f64; 2]| (x.round() as i64, y.round() as i64);
-    let all: BTreeSet<(i64, i64)> = points().map(|point| rounded([point.x, point.y])).collect();
-    // A point that is halfway between two positions may be rounded to either.
-    let has = |(x, y): (i64, i64)| (-1..=1).any(|dx| (-1..=1).any(|dy| all.contains(&(x + dx, y + dy))));
-    let mirrors: [fn(f64, f64) -> [f64; 2]; 4] = [|x, y| [-x, y], |x, y| [x, -y], |x, y| [y, x], |x, y| [-y, -x]];
-    mirrors.iter().any(|mirror| points().all(|point| has(rounded(mirror(point.x, point.y)))))
+    findings.retain(|finding| !is_open(finding));
+    let mirrored = match shown {
+        Shown::Right => None,
+        Shown::OppositeAccelerations => Some(
+            "the image is mirrored, or all axes of the accelerometer have the opposite sign: it measures the opposite \
+             of each acceleration",
+        ),
+        Shown::OneOfTwoMirrored => {
+            Some("the image of this camera or of the other one is mirrored: their motions match only then")
+        }
+    };
+    findings.extend(mirrored.map(|reason| Finding {
+        cause: Cause::MirroredImage,
+        severity: Severity::Failure,
+        reason: reason.to_owned(),
+        advice: "see in a picture of the events which side is wrong, and give recordings whose x grows to the right and \
+                 y downwards"
+            .into(),
+    }));
+    calibrated.verdict = Verdict::new(calibrated.camera(), &calibrated.quality, findings);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn boards_that_are_their_own_mirror_image_are_known() {
-        for (board, expected) in [
-            ("acircles:9x4:55mm:r17.5mm", true),
-            ("acircles:11x5:30mm:r8mm", true),
-            ("acircles:6x4:55mm:r17.5mm", false),
-            // As high as wide, and symmetric about its diagonal.
-            ("acircles:8x4:55mm:r17.5mm", true),
-            ("circles:5x7:40mm:r10mm", true),
-            ("circles:6x6:40mm:r10mm", true),
-            ("checkerboard:6x9:25mm", true),
-            ("checkerboard:7x7:25mm", true),
-            ("aprilgrid:6x6:35.2mm:0.3", false),
-            ("charuco:5x7:30mm:22mm:DICT_5X5_100", false),
-        ] {
-            assert_eq!(is_own_mirror_image(&board.parse().unwrap()), expected, "{board}");
-        }
-    }
 
     #[test]
     fn a_sensor_that_is_higher_than_wide_has_exchanged_axes() {

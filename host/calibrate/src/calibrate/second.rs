@@ -19,7 +19,7 @@ use crate::settings::Settings;
 use crate::solve::fixed_intrinsics::FixedIntrinsics;
 use crate::solve::residual_statistics::Measured;
 use evcal_geometry::board::Board;
-use evcal_geometry::board::symmetry::symmetries;
+use evcal_geometry::board::symmetry::Symmetries;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use event_recordings::images::Images;
 
@@ -97,7 +97,7 @@ pub fn calibrate_second_camera(
     let calibration = calibrate_second(
         SeparateCalibration { refined: &of_first.refined, uncertainty: &first.quality.uncertainty },
         SeparateCalibration { refined: &of_second.refined, uncertainty: &second.quality.uncertainty },
-        &symmetries(board),
+        &Symmetries::of(board),
         lenses,
     )?;
     Ok(mounted(first, second, file, None, calibration))
@@ -155,7 +155,7 @@ pub fn calibrate_frame_camera(
         rolling_shutter,
     };
     let separate = SeparateCalibration { refined: &of_first.refined, uncertainty: &first.quality.uncertainty };
-    let calibration = calibrate_frames(separate, camera, &symmetries(board), lenses)?;
+    let calibration = calibrate_frames(separate, camera, &Symmetries::of(board), lenses)?;
     let used = SecondFrames { used: frames.len(), stamps: images.stamps(), exposure_known: images.exposure_known() };
     Ok(mounted(first, second, &images.name(), Some(used), calibration))
 }

@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use super::finding::Finding;
 use super::joint::{Noise, Residual};
 use super::noise::Line;
-use super::parameters::{COUNT, InertialParameters};
+use super::parameters::{BOARD_SCALE, COUNT, InertialParameters};
 use super::stream::StreamReport;
 
 /// Ratio of σ to its prior value from which a parameter counts as not measured.
@@ -67,6 +67,13 @@ impl InertialCalibration {
     pub fn is_measured(&self, parameters: Range<usize>) -> bool {
         let sigmas = self.prior_sigma.iter().enumerate().skip(parameters.start).take(parameters.len());
         sigmas.into_iter().all(|(index, prior)| self.sigma(index) <= PRIOR_SHARE * prior)
+    }
+
+    /// Returns `true` if the accelerometer measured accelerations of the camera: it knows the size of the board.
+    pub fn shows_acceleration(&self) -> bool {
+        /// Least size of the board, in σ.
+        const CERTAIN: f64 = 5.0;
+        self.parameters.board_scale > CERTAIN * self.sigma(BOARD_SCALE)
     }
 
     /// Returns the root mean square of the residuals of gyroscope (rad/s) and accelerometer (m/s²), over all axes.

@@ -144,6 +144,11 @@ pub enum InertialError {
     /// The coordinate system is mirrored.
     #[error("the axes of the IMU are left-handed: change the sign of one axis of both sensors")]
     LeftHanded,
+    /// The accelerometer measures the opposite of each acceleration: its sign is wrong, or the camera's image is mirrored.
+    #[error(
+        "the accelerometer measures the opposite of each acceleration of the camera: the image is mirrored, or all its axes have the opposite sign"
+    )]
+    OppositeAccelerations,
     /// Gravity has an unexpected magnitude.
     #[error("{}", gravity_in_words(*size, *stated, *motion))]
     GravitySize {

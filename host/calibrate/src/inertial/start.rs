@@ -4,7 +4,8 @@
 //!    over all shifts must have one clear peak.
 //! 2. **Rotation**: the one that maps ω of the camera to ω of the IMU (Wahba's problem), and the best mirrored one: if the latter
 //!    fits better, the axes are left-handed.
-//! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must have its known magnitude.
+//! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must have its known magnitude. If the opposite of
+//!    each acceleration fits better, the image is mirrored: for the rotation rates, this is another rotation of the IMU.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -16,6 +17,7 @@ use crate::trajectory::Trajectory;
 use crate::trajectory::alignment::{
     AlignmentError, ComparedTurns, LEAST_RATE, Offset, Overlap, Series, Turns, check_axes, offset,
 };
+use evcal_geometry::numerics::statistics::median;
 
 /// Step of the grid on which rates are compared (s).
 const STEP: f64 = 5e-3;
@@ -31,6 +33,8 @@ const ONE_AXIS: f64 = 0.01;
 const GRAVITY_ERROR: f64 = 0.07;
 /// Share of gravity below which it was removed from the accelerations, rather than measured wrongly.
 const GRAVITY_LEFT: f64 = 0.2;
+/// Share of the residual below which opposite accelerations fit clearly better.
+const CLEARLY: f64 = 0.5;
 
 /// Result of the start.
 #[derive(Clone, Debug, PartialEq)]
@@ -137,35 +141,20 @@ fn lever_arm(
     gravity: f64,
 ) -> Result<InertialParameters, InertialError> {
     let unit = unit_values(samples, |sample| sample.acceleration);
-    let (mut rows, mut squares) = (Vec::new(), 0.0);
+    let (mut rows, mut opposite, mut squares) = (Vec::new(), Vec::new(), 0.0);
     for (index, reading) in unit.values.iter().enumerate().step_by(2) {
         let t = unit.start + STEP * index as f64 - delay;
         let inside = |one: &&&Trajectory| t > one.start() + 0.1 && t < one.end() - 0.1;
         let motion = trajectories.iter().find(inside).and_then(|one| Motion::new(one, t));
         let (Some(reading), Some(motion)) = (reading, motion) else { continue };
         squares += motion.acceleration.norm_squared();
-        rows.push(row(&motion, rotation.inverse_transform_vector(reading)));
+        let (by, reading, acceleration) = row(&motion, rotation.inverse_transform_vector(reading));
+        rows.push((by, reading - acceleration));
+        opposite.push((by, reading + acceleration));
     }
-    // Where the trajectory is uncertain, so is its acceleration: those rows are dropped.
-    let mut solution = SVector::<f64, UNKNOWNS>::zeros();
-    let mut bound = f64::INFINITY;
-    for _ in 0..4 {
-        let mut matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
-        let mut right = SVector::<f64, UNKNOWNS>::zeros();
-        // A prior of 1 m/s² for the bias and 1 m for the lever arm, at 1 m/s² of noise.
-        (3..UNKNOWNS).for_each(|index| matrix[(index, index)] += 1.0);
-        let mut sizes = Vec::with_capacity(rows.len());
-        for (by, value) in &rows {
-            let residual = (value - by * solution).norm();
-            sizes.push(residual);
-            if residual <= bound {
-                matrix += by.tr_mul(by);
-                right += by.tr_mul(value);
-            }
-        }
-        solution = matrix.cholesky().ok_or(InertialError::Singular)?.solve(&right);
-        let mut sizes: Vec<f64> = rows.iter().map(|(by, value)| (value - by * solution).norm()).collect();
-        bound = 2.5 * evcal_geometry::numerics::statistics::median(&mut sizes, f64::total_cmp).unwrap_or(f64::INFINITY);
+    let (solution, residual) = robust_solution(&rows)?;
+    if robust_solution(&opposite)?.1 < CLEARLY * residual {
+        return Err(InertialError::OppositeAccelerations);
     }
     let down: Vector3<f64> = solution.fixed_rows::<3>(0).into_owned();
     let size = down.norm();
@@ -190,8 +179,33 @@ fn lever_arm(
     })
 }
 
-/// Returns the derivatives of a reading in camera axes by the unknowns, and the reading minus the known part.
-fn row(motion: &Motion, reading: Vector3<f64>) -> (SMatrix<f64, 3, UNKNOWNS>, Vector3<f64>) {
+/// Derivatives of a reading by the unknowns, and the reading minus what is known.
+type Row = (SMatrix<f64, 3, UNKNOWNS>, Vector3<f64>);
+
+/// Returns the solution, and its median residual (m/s²). Where the trajectory is uncertain, so is its acceleration: those rows are
+/// dropped.
+fn robust_solution(rows: &[Row]) -> Result<(SVector<f64, UNKNOWNS>, f64), InertialError> {
+    let mut solution = SVector::<f64, UNKNOWNS>::zeros();
+    let mut middle = f64::INFINITY;
+    for _ in 0..4 {
+        let mut matrix = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+        let mut right = SVector::<f64, UNKNOWNS>::zeros();
+        // A prior of 1 m/s² for the bias and 1 m for the lever arm, at 1 m/s² of noise.
+        (3..UNKNOWNS).for_each(|index| matrix[(index, index)] += 1.0);
+        let bound = 2.5 * middle;
+        for (by, value) in rows.iter().filter(|(by, value)| (value - by * solution).norm() <= bound) {
+            matrix += by.tr_mul(by);
+            right += by.tr_mul(value);
+        }
+        solution = matrix.cholesky().ok_or(InertialError::Singular)?.solve(&right);
+        let mut sizes: Vec<f64> = rows.iter().map(|(by, value)| (value - by * solution).norm()).collect();
+        middle = median(&mut sizes, f64::total_cmp).unwrap_or(f64::INFINITY);
+    }
+    Ok((solution, middle))
+}
+
+/// Returns the derivatives of a reading in camera axes by the unknowns, the reading, and the acceleration of the camera in its axes.
+fn row(motion: &Motion, reading: Vector3<f64>) -> (SMatrix<f64, 3, UNKNOWNS>, Vector3<f64>, Vector3<f64>) {
     let to_camera = motion.rotation.sample.rotation.inverse().to_rotation_matrix().into_inner();
     let turning = motion.angular_velocity().cross_matrix();
     let mut by = SMatrix::<f64, 3, UNKNOWNS>::zeros();
@@ -199,7 +213,7 @@ fn row(motion: &Motion, reading: Vector3<f64>) -> (SMatrix<f64, 3, UNKNOWNS>, Ve
     by.fixed_view_mut::<3, 3>(0, 3)
         .copy_from(&(motion.rotation.angular_acceleration.cross_matrix() + turning * turning));
     by.fixed_view_mut::<3, 3>(0, 6).copy_from(&Matrix3::identity());
-    (by, reading - to_camera * motion.acceleration)
+    (by, reading, to_camera * motion.acceleration)
 }
 
 #[cfg(test)]

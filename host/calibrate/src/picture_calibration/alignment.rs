@@ -170,6 +170,11 @@ impl fmt::Display for Misalignment {
 }
 
 impl Misalignment {
+    /// Returns `true` if frames or events were turned, flipped or transposed.
+    pub fn is_turned(&self) -> bool {
+        matches!(self, Self::Image { orientation, .. } if *orientation != Orientation::Same)
+    }
+
     /// Returns the remedy.
     pub fn advice(&self) -> &'static str {
         match self {

@@ -164,7 +164,8 @@ impl CrossCheckOutcome {
         if let Some(misalignment) = misalignment {
             return Some(Finding {
                 cause: Cause::FramesMisaligned,
-                severity: Severity::Warning,
+                // The events may be the ones that were turned, and with them the principal point.
+                severity: if misalignment.is_turned() { Severity::Failure } else { Severity::Warning },
                 reason: misalignment.to_string(),
                 advice: misalignment.advice().into(),
             });

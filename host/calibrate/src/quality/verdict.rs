@@ -140,6 +140,8 @@ pub enum Cause {
     ExchangedAxes,
     /// It is not known whether the image is mirrored.
     OrientationNotChecked,
+    /// The image is mirrored.
+    MirroredImage,
 }
 
 /// A reason for caution. Its advice is data, or a `String` in the words of a program.
@@ -167,6 +169,13 @@ pub struct Verdict<A = Advice> {
 }
 
 impl Verdict {
+    /// Builds the verdict on `camera` from `findings`.
+    pub fn new(camera: &Camera<f64>, quality: &Quality, mut findings: Vec<Finding>) -> Self {
+        sort(&mut findings);
+        let grade = Grade::of(findings.iter().map(|finding| finding.severity));
+        Self { grade, sentence: sentence(grade, camera, quality, &findings), findings }
+    }
+
     /// Returns the verdict with its advice in the words of a program.
     pub fn worded(&self, wording: Wording) -> Verdict<String> {
         let findings = self.findings.iter().map(|finding| Finding {
@@ -212,9 +221,7 @@ pub fn verdict(
         findings.retain(|finding| finding.cause != Cause::ModelTooPoor);
     }
     name_the_change(&mut findings);
-    sort(&mut findings);
-    let grade = Grade::of(findings.iter().map(|finding| finding.severity));
-    Verdict { grade, sentence: sentence(grade, camera, quality, &findings), findings }
+    Verdict::new(camera, quality, findings)
 }
 
 /// If the lens or the board changed, this is the cause of an uncertain projection, of residuals and of halves that differ, whatever is

@@ -54,6 +54,11 @@ pub enum SecondCameraError {
         "the board is symmetric, and the motion does not determine its orientation in each camera: use a board with an odd number of shifted rows, such as acircles:9x4"
     )]
     SymmetricBoard,
+    /// The motions match only if one of both images is mirrored.
+    #[error(
+        "the image of one of the two cameras is mirrored: their motions match only then; see in a picture of each which side is wrong"
+    )]
+    Mirrored,
     /// The transform is not constant.
     #[error(
         "the two cameras are not rigidly connected (relative motion: {:.1} mm and {degrees:.2}°): fix both to one mount, and do not move the board",

@@ -22,7 +22,7 @@ use crate::circles::reference_frame::PointObservation;
 use crate::solve::State;
 use crate::solve::observation::SegmentObservations;
 use crate::trajectory::mean_distance;
-use evcal_geometry::board::symmetry::Symmetry;
+use evcal_geometry::board::symmetry::Symmetries;
 
 /// Number of σ from which a line delay is significant.
 const CERTAIN: f64 = 3.0;
@@ -77,7 +77,7 @@ pub struct FrameCamera<'a> {
 pub fn calibrate_frames(
     first: SeparateCalibration,
     second: FrameCamera,
-    symmetries: &[Symmetry],
+    symmetries: &Symmetries,
     lenses: Lenses,
 ) -> Result<SecondCalibration, SecondCameraError> {
     let state = &first.refined.state;
@@ -90,7 +90,7 @@ pub fn calibrate_frames(
             segment.points.extend(&frame.circles);
         }
     }
-    let segments = seen_by_both(first.refined, &of_segments, &start, symmetries);
+    let segments = seen_by_both(first.refined, &of_segments, &start, &symmetries.rotations);
     let count = |segments: &[SegmentObservations]| segments.iter().map(|one| one.points.len()).sum::<usize>();
     let left_out = 1.0 - count(&segments) as f64 / count(&of_segments).max(1) as f64;
     let mut of_frames = problem_of_points(&first.refined.problem, segments, second.sigma, second.point_sigma);

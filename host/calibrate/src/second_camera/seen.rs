@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Translation3};
 
 use crate::trajectory::alignment::Rates;
 use crate::trajectory::{PoseSample, Trajectory};
+use evcal_geometry::board::symmetry::Reflection;
 use evcal_geometry::numerics::statistics::median;
 
 /// Step of the grid on which rotation rates are compared (s).
@@ -73,6 +74,12 @@ impl Seen {
             rates.resize(until.max(rates.len()), (gap < EVENLY).then_some(rate));
         }
         Self { rates: Rates { start, step: STEP, values: rates }, poses, every }
+    }
+
+    /// Returns the motion that the mirrored image of the same camera shows.
+    pub fn seen_in_a_mirror(&self, reflection: &Reflection) -> Self {
+        let mirrored = |seen: &SeenPose| SeenPose { pose: reflection.seen_in_a_mirror(&seen.pose), ..*seen };
+        Self { poses: self.poses.iter().map(mirrored).collect(), ..self.clone() }
     }
 }
 

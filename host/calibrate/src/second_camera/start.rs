@@ -6,6 +6,8 @@
 //! 2. **Orientation**: with a symmetric board, the cameras may have chosen different orientations. With the right rotation of the
 //!    board, the transform between the cameras is constant; with another it is not.
 //! 3. **Transform, offset and rate of the clocks** by least squares over pairs of poses, with Huber's loss.
+//!
+//! If this fails, and the board is its own mirror image, the same is tried as if the second camera's image were mirrored.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +18,7 @@ use super::mount::{COUNT, Mount, OFFSET, RATE, RATE_SIGMA, ROTATION, TRANSLATION
 use super::seen::{Seen, SeenPose, inner_sample, pose_of, rates};
 use crate::trajectory::Trajectory;
 use crate::trajectory::alignment::{AlignmentError, Offset, Overlap, ambiguous, offsets};
-use evcal_geometry::board::symmetry::Symmetry;
+use evcal_geometry::board::symmetry::{Symmetries, Symmetry};
 use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::numerics::statistics::median;
 use evcal_geometry::timed_pose::TimedPose;
@@ -67,12 +69,25 @@ struct Pair {
 }
 
 /// Computes a start from the trajectories of the first camera and the motion of the second, each since the start of its
-/// recording, with a board that looks the same after the rotations `symmetries`. `loose` is the largest typical change of
-/// position (m) and rotation (rad) between the cameras.
+/// recording, with a board of these `symmetries`. `loose` is the largest typical change of position (m) and rotation (rad)
+/// between the cameras.
 ///
 /// # Errors
 /// [`SecondCameraError`] names the quantity that was not found, and the reason.
 pub fn start(
+    first: &[Trajectory],
+    second: &Seen,
+    symmetries: &Symmetries,
+    loose: [f64; 2],
+) -> Result<Start, SecondCameraError> {
+    unmirrored(first, second, &symmetries.rotations, loose).map_err(|error| {
+        let mirrored = symmetries.reflection.map(|reflection| second.seen_in_a_mirror(&reflection));
+        let matches = |seen| unmirrored(first, &seen, &symmetries.rotations, loose).is_ok();
+        if mirrored.is_some_and(matches) { SecondCameraError::Mirrored } else { error }
+    })
+}
+
+fn unmirrored(
     first: &[Trajectory],
     second: &Seen,
     symmetries: &[Symmetry],

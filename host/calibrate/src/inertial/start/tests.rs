@@ -12,13 +12,14 @@ const GRAVITY: f64 = 9.81;
 
 /// A motion that does not repeat, with rotations `turns` about the three axes (rad).
 fn hand(turns: [f64; 3]) -> Trajectory {
+    of_motion(|t| hand_pose(t, turns))
+}
+
+fn hand_pose(t: f64, turns: [f64; 3]) -> Isometry3<f64> {
     let wave = |t: f64, seed: f64| (2.1 * t + seed).sin() + 0.7 * (3.7 * t * (1.0 + 0.02 * t) + 2.0 * seed).sin();
-    let pose = |t: f64| {
-        let turn = Vector3::new(turns[0] * wave(t, 0.3), turns[1] * wave(t, 1.9), turns[2] * wave(t, 4.0));
-        let place = Vector3::new(0.1 * wave(t, 2.2), 0.1 * wave(t, 5.0), -0.7 + 0.1 * wave(t, 1.1));
-        Isometry3::from_parts(place.into(), exp(&turn))
-    };
-    of_motion(pose)
+    let turn = Vector3::new(turns[0] * wave(t, 0.3), turns[1] * wave(t, 1.9), turns[2] * wave(t, 4.0));
+    let place = Vector3::new(0.1 * wave(t, 2.2), 0.1 * wave(t, 5.0), -0.7 + 0.1 * wave(t, 1.1));
+    Isometry3::from_parts(place.into(), exp(&turn))
 }
 
 fn of_motion(pose: impl Fn(f64) -> Isometry3<f64>) -> Trajectory {
@@ -100,6 +101,26 @@ fn any_axes_are_found_and_mirrored_ones_are_named() {
         } else {
             assert!(matches!(found, Err(InertialError::LeftHanded)), "{turn}: {found:?}");
         }
+    }
+}
+
+/// The camera's rows come from below, or the accelerometer has the opposite sign.
+#[test]
+fn a_mirrored_image_and_opposite_accelerations_are_named() {
+    let turns = [0.3, 0.35, 0.25];
+    let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), 0.003);
+    let plain = samples(&hand(turns), &truth, 250.0);
+    let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
+    let mirrored = of_motion(|t| {
+        let pose = hand_pose(t, turns);
+        let rotation = UnitQuaternion::from_matrix(&(flip * pose.rotation.to_rotation_matrix().into_inner() * flip));
+        Isometry3::from_parts((flip * pose.translation.vector).into(), rotation)
+    });
+    let opposite = |sample: &Sample| Sample { acceleration: -sample.acceleration, ..*sample };
+    let opposite: Vec<Sample> = plain.iter().map(opposite).collect();
+    for (trajectory, samples) in [(mirrored, plain), (hand(turns), opposite)] {
+        let error = start(&[&trajectory], &samples, GRAVITY).unwrap_err();
+        assert!(matches!(error, InertialError::OppositeAccelerations), "{error}");
     }
 }
 

@@ -9,7 +9,6 @@ use crate::trajectory::RotationSpline;
 use crate::trajectory::alignment::AlignmentError;
 use crate::trajectory::fit::{TrajectoryShape, fit};
 use evcal_geometry::board::Board;
-use evcal_geometry::board::symmetry::symmetries;
 use evcal_geometry::timed_pose::TimedPose;
 
 const SECONDS: f64 = 24.0;
@@ -61,8 +60,8 @@ fn second(turn: f64, world: Isometry3<f64>) -> Vec<Trajectory> {
     vec![fitted_to(pose, 1.0..0.5 * SECONDS), fitted_to(pose, 0.55 * SECONDS..SECONDS + 2.0)]
 }
 
-fn board(name: &str) -> Vec<Symmetry> {
-    symmetries(&name.parse::<Board>().unwrap())
+fn board(name: &str) -> Symmetries {
+    Symmetries::of(&name.parse::<Board>().unwrap())
 }
 
 fn check(found: &Start) {
@@ -94,7 +93,7 @@ fn transform_offset_and_rate_are_found() {
 #[test]
 fn transform_offset_and_rate_are_found_from_frames() {
     let symmetries = board("acircles:10x4:55mm:r17.5mm");
-    let along = second(1.0, symmetries[1].pose);
+    let along = second(1.0, symmetries.rotations[1].pose);
     let times = (0..600).map(|frame| 1.0 + f64::from(frame) / 30.0);
     let frames = times.filter_map(|t| Some((t, pose_of(&inner_sample(&along, t)?.1))));
     let seen = Seen::in_frames(frames);
@@ -108,7 +107,7 @@ fn transform_offset_and_rate_are_found_from_frames() {
 fn a_board_seen_in_another_orientation_is_rotated_back() {
     for name in ["acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
         let symmetries = board(name);
-        for (index, turn) in symmetries.iter().enumerate() {
+        for (index, turn) in symmetries.rotations.iter().enumerate() {
             let found = start(&first(1.0), &Seen::along(&second(1.0, turn.pose)), &symmetries, LOOSE).unwrap();
             check(&found);
             assert!(found.turns.values().all(|found| *found == index), "{name} {index}: {:?}", found.turns);
@@ -149,6 +148,27 @@ fn an_offset_that_rotations_do_not_determine_is_found_from_the_positions() {
     assert!((found.mount.offset - 0.8).abs() < 2e-3, "{}", found.mount.offset);
 }
 
+/// The rows of the second camera's image come from below, and it sees the rows of circles, of which there is an odd number, in
+/// the opposite order.
+#[test]
+fn a_mirrored_camera_is_named() {
+    let name = "acircles:9x4:55mm:r17.5mm";
+    let (low, high) = name.parse::<Board>().unwrap().extent();
+    let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
+    let mirrored = |t: f64| {
+        let pose = first_pose(t, 1.0) * second_first().inverse();
+        let rotation = flip * pose.rotation.to_rotation_matrix().into_inner() * flip;
+        let rotation = UnitQuaternion::from_matrix(&rotation);
+        let place = flip * pose.translation.vector + Vector3::new(0.0, low.y + high.y, 0.0);
+        Isometry3::from_parts(place.into(), rotation)
+    };
+    let seen = Seen::along(&[fitted_to(mirrored, 0.0..SECONDS)]);
+    assert_eq!(start(&first(1.0), &seen, &board(name), LOOSE), Err(SecondCameraError::Mirrored));
+    let shown_by_tags = Symmetries { reflection: None, ..board(name) };
+    let error = start(&first(1.0), &seen, &shown_by_tags, LOOSE).unwrap_err();
+    assert!(matches!(error, SecondCameraError::NotFixed { .. }), "{error}");
+}
+
 #[test]
 fn mistakes_are_named() {
     let symmetries = board("acircles:9x4:55mm:r17.5mm");
@@ -186,7 +206,7 @@ fn cameras_that_hardly_saw_the_board_together_are_not_taken_for_strangers() {
     let short: Vec<Trajectory> = (0..6)
         .map(|index| fitted_to(|t| first_pose(t, 1.0), 3.0 * f64::from(index)..3.0 * f64::from(index) + 0.25))
         .collect();
-    let symmetric = symmetries(&"acircles:9x4:55mm:r17.5mm".parse().unwrap());
+    let symmetric = board("acircles:9x4:55mm:r17.5mm");
     let error = start(&all, &Seen::along(&short), &symmetric, LOOSE).unwrap_err();
     let SecondCameraError::HardlyTogether { seconds, needed } = &error else { panic!("{error}") };
     assert!(seconds[0] > 15.0 && seconds[1] < 1.5 && *needed == FEWEST_SECONDS, "{error}");

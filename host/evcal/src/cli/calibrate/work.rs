@@ -5,11 +5,10 @@ use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
 use evcal_calibrate::calibrate::board_choice::{LargerBoard, larger_board};
-use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
+use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::error::CalibrateError;
 use evcal_calibrate::calibrate::inertia::calibrate_inertial;
 use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
 use evcal_calibrate::calibrate::second::{
     calibrate_against_first, calibrate_lens_separately, calibrate_own_pictures, picture_use_of_second,
@@ -263,11 +262,8 @@ impl Work<'_> {
     fn add_imu(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
         let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
         waiting.stage("IMU", None);
-        let inertial = calibrate_inertial(calibrated, &self.inputs, &request, self.fixed_of_first(calibrated)?)?;
-        if let Evidence::Events(events) = &mut calibrated.evidence {
-            events.inertial = Some(inertial);
-        }
-        Ok(())
+        let found = calibrate_inertial(calibrated, &self.inputs, &request, self.fixed_of_first(calibrated)?);
+        Ok(calibrated.add_inertial(found)?)
     }
 
     fn fixed_of_first(&self, first: &Calibrated) -> Result<Option<&FixedIntrinsics>, OtherSensor> {
@@ -292,9 +288,8 @@ impl Work<'_> {
 
     fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
         waiting.stage("frames as a second camera", None);
-        let frames = calibrate_own_pictures(first, self.fixed_of_first(first)?)?;
-        keep(first, frames);
-        Ok(())
+        let found = calibrate_own_pictures(first, self.fixed_of_first(first)?);
+        Ok(first.add_second(found)?)
     }
 
     fn add_other(
@@ -318,15 +313,8 @@ impl Work<'_> {
         waiting.stage("both cameras", None);
         let fixed = self.fixed.others.get(number).map(|fixed| fixed.of(second.sensor)).transpose()?;
         let lenses = [self.fixed_of_first(first)?, fixed];
-        let second = calibrate_against_first(first, &second, input, self.rolling_shutter, &self.board, lenses)?;
-        keep(first, second);
-        Ok(())
-    }
-}
-
-fn keep(first: &mut Calibrated, second: SecondCamera) {
-    if let Evidence::Events(events) = &mut first.evidence {
-        events.second_cameras.push(second);
+        let found = calibrate_against_first(first, &second, input, self.rolling_shutter, &self.board, lenses);
+        Ok(first.add_second(found)?)
     }
 }
 
