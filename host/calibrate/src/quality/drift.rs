@@ -91,6 +91,10 @@ pub struct Interval {
     pub recording: usize,
     /// Start in seconds since the start of the recording.
     pub start: f64,
+    /// Second derivative of the loss as a share of the information, which counts outliers by their weight ([`Loss::curvature`]).
+    ///
+    /// [`Loss::curvature`]: crate::solve::loss::Loss::curvature
+    pub curvature: f64,
 }
 
 impl Drift {
@@ -198,17 +202,21 @@ struct Block {
 fn blocks(intervals: &[Interval], contributions: &[PackedContribution]) -> Option<Vec<Block>> {
     let mut ordered: Vec<(&Interval, &PackedContribution)> = intervals.iter().zip(contributions).collect();
     ordered.sort_by(|(a, _), (b, _)| a.recording.cmp(&b.recording).then(a.start.total_cmp(&b.start)));
-    let mut blocks: Vec<(Interval, Vec<&PackedContribution>)> = Vec::new();
+    let mut blocks: Vec<(Interval, f64, Vec<&PackedContribution>)> = Vec::new();
     for (interval, contribution) in ordered {
         match blocks.last_mut() {
-            Some((at, parts)) if at.recording == interval.recording && interval.start < at.start + BLOCK => {
+            Some((at, curvature, parts)) if at.recording == interval.recording && interval.start < at.start + BLOCK => {
+                *curvature += interval.curvature;
                 parts.push(contribution);
             }
-            _ => blocks.push((*interval, vec![contribution])),
+            _ => blocks.push((*interval, interval.curvature, vec![contribution])),
         }
     }
-    let sum = |(at, parts): (Interval, Vec<&PackedContribution>)| {
-        Some(Block { at, equations: PackedContribution::sum(parts)? })
+    let sum = |(at, curvature, parts): (Interval, f64, Vec<&PackedContribution>)| {
+        let curvature = curvature / parts.len() as f64;
+        let mut equations = PackedContribution::sum(parts)?;
+        equations.information *= curvature;
+        Some(Block { at, equations })
     };
     let blocks: Vec<Block> = blocks.into_iter().filter_map(sum).collect();
     (blocks.len() >= 2 * FEWEST_BLOCKS).then_some(blocks)
@@ -402,7 +410,7 @@ mod tests {
         };
         let all = (0..COUNT).map(|index| {
             let start = STEP * (index % (COUNT / (recording(COUNT - 1) + 1))) as f64;
-            (Interval { recording: recording(index), start }, one(index).into())
+            (Interval { recording: recording(index), start, curvature: 1.0 }, one(index).into())
         });
         let (intervals, contributions) = all.unzip();
         Measured { intervals, contributions }

@@ -201,10 +201,12 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
     let follows = reduced.into_follows();
     let bearings = BearingTable::new(&state.camera, problem.sensor);
     let mut contributions_with_board = Vec::with_capacity(ranges.len());
+    let mut curvatures = Vec::with_capacity(ranges.len());
     let mut halves = Halves::new(problem, state, &columns);
     for group in groups(&ranges, &problem.segments, RANGES_TOGETHER) {
         let equations = linearised(problem, state, &bearings, group, &columns)?;
         contributions_with_board.extend(follows.contributions(&equations));
+        curvatures.extend(equations.iter().map(|one| one.loss.curvature()));
         if let Some(halves) = &mut halves {
             halves.add(&equations);
         }
@@ -220,8 +222,8 @@ pub fn uncertainty(problem: &Problem, state: &State) -> Result<SolveUncertainty,
         .zip(step_with_board)
         .map(|(formal, step)| board_evidence(problem, state, &formal, &step, &contributions_with_board, time));
     let recording = |segment: usize| state.trajectories.get(segment).map_or(0, |trajectory| trajectory.recording);
-    let intervals: Vec<Interval> =
-        times.iter().map(|&(segment, start)| Interval { recording: recording(segment), start }).collect();
+    let interval = |(&(segment, start), &curvature)| Interval { recording: recording(segment), start, curvature };
+    let intervals: Vec<Interval> = times.iter().zip(&curvatures).map(interval).collect();
     let drift =
         drift(&state.camera, problem.sensor, &with_board(problem).mask(), &intervals, &contributions_with_board);
     drop(contributions_with_board);

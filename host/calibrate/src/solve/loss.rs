@@ -46,11 +46,17 @@ impl Loss {
         Self { count: self.count, cost: weight * self.cost, weight: 0.0, squared: 0 }
     }
 
+    /// Returns the second derivative of the loss as a share of what the weights imply, between 0 and 1: beyond Huber's bound, an
+    /// observation has a weight, but its slope does not change.
+    pub fn curvature(&self) -> f64 {
+        if self.squared > 0 { (self.squared as f64 / self.weight).min(1.0) } else { 1.0 }
+    }
+
     /// Returns the ratio of a Newton step to a Gauss-Newton step. An observation beyond Huber's bound has a weight but its slope
     /// does not change, so the weights imply a curvature that the loss does not have. The ratio is some 1.1; without it, the
     /// first step is a tenth too short.
     pub fn lengthening(&self) -> f64 {
-        if self.squared > 0 { (self.weight / self.squared as f64).clamp(1.0, MOST_LENGTHENED) } else { 1.0 }
+        self.curvature().recip().min(MOST_LENGTHENED)
     }
 }
 
