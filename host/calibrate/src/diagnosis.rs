@@ -6,6 +6,7 @@ pub mod double_edges;
 pub mod fingerprint;
 pub mod flicker;
 pub mod information;
+pub mod lost_events;
 pub mod rounded;
 pub mod saturation;
 pub mod silent_lines;

@@ -13,7 +13,7 @@ pub mod verdict;
 
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::circles::reference_frame::ReferenceFrame;
@@ -125,8 +125,9 @@ pub struct SolveCertainty {
     pub undetermined: Vec<usize>,
 }
 
-/// Computes the quality of `refined`. `saturated` are the intervals with a saturated readout that are in the solve, `models` those that
-/// the lens may have instead of its own; none if the user stated the model.
+/// Computes the quality of `refined`. `saturated` are the intervals with a saturated readout that are in the solve, `scale` is the σ of
+/// the focal lengths, as a share of them, that the uncertainty does not include yet, `models` are those that the lens may have instead
+/// of its own; none if the user stated the model.
 ///
 /// # Errors
 /// [`SolveError::Singular`] if the observations do not determine the camera.
@@ -135,6 +136,7 @@ pub fn examine(
     certainty: SolveCertainty,
     board: &Board,
     saturated: &[LeftOut],
+    scale: f64,
     models: &[ModelKind],
 ) -> Result<(Quality, EventQuality), SolveError> {
     let (problem, state) = (&refined.problem, &refined.state);
@@ -152,6 +154,14 @@ pub fn examine(
         uncertainty.covariance += &distance;
         parts.between_parts += distance;
     }
+    let focal_lengths = DVector::from_fn(uncertainty.covariance.nrows(), |row, _| {
+        let is_estimated = row < 2 && problem.free.intrinsics.get(row).copied().unwrap_or(false);
+        if is_estimated { scale * state.camera.parameters().get(row).copied().unwrap_or(0.0) } else { 0.0 }
+    });
+    let of_scale = &focal_lengths * focal_lengths.transpose();
+    uncertainty.covariance += &of_scale;
+    uncertainty.systematic_scale = uncertainty.systematic_scale.hypot(scale);
+    parts.focal_lengths += of_scale;
     let ((classes, ranks), residuals) = rayon::join(
         || {
             let rank = |kind: EventKind| kind.polarity.index() * RANK_COUNT + usize::from(kind.place.rank);

@@ -1,5 +1,6 @@
 //! Verdicts of `evcal calibrate` on good and bad recordings.
 
+use std::cell::Cell;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -273,6 +274,31 @@ fn write_moved(simulation: &Path, moved: impl Fn([u16; 2]) -> Option<[u16; 2]>, 
         }
     }
     fs::write(file, csv).unwrap();
+}
+
+/// Seven of ten events, chosen at random, are lost. The ranks of the others are wrong, which the focal length absorbs.
+#[test]
+fn a_random_loss_of_events_is_reported_and_in_the_bound() {
+    let simulation = RADTAN.simulation("lost", &["--motion", "fast", "--duration", "2.5s", "--seed", "41"]);
+    let folder = tempfile::tempdir().unwrap();
+    let (file, output) = (folder.path().join("lost.csv"), folder.path().join("output"));
+    let state = Cell::new(1_u64);
+    let arrives = |place| {
+        state.set(state.get().wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407));
+        (state.get() >> 33 < (1 << 31) * 3 / 10).then_some(place)
+    };
+    write_moved(&simulation, arrives, &file);
+    let options = ["--model", RADTAN.model, "--accept-any", "-o", text(&output)];
+    let finished = evcal(&[&["calibrate", text(&file), "--board", BOARD][..], &options].concat());
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    let found = read_json(&output.join("calibration.json"));
+    assert!(names(&found["verdict"], "lost-events") && found["verdict"]["grade"] != "good", "{:#}", found["verdict"]);
+    let of = |kind: &str| found[kind]["parameters"]["fx"].as_f64().unwrap();
+    let (error, sigma) = (
+        of("camera") - read_json(&simulation.join("truth.json"))["camera"]["parameters"]["fx"].as_f64().unwrap(),
+        of("sigma"),
+    );
+    assert!(error.abs() < 1.96 * sigma && sigma < 1.0, "{error} ± {sigma}");
 }
 
 /// Coordinates that count from 1 and were cut at the sensor's size move the principal point by one pixel. A sensor whose lower half

@@ -21,6 +21,7 @@ use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::double_edges::DoubleEdges;
 use crate::diagnosis::fingerprint::Fingerprint;
 use crate::diagnosis::flicker::RateBins;
+use crate::diagnosis::lost_events::LostEvents;
 use crate::diagnosis::saturation::SaturationDetector;
 use crate::diagnosis::time_steps::TimeSteps;
 use crate::solve::event_sample::{EventSample, Thinning};
@@ -205,6 +206,7 @@ impl Detected {
             always_full: bins.is_even(),
             pixels: BadPixels::of_counts(&thinning.counts(), usize::from(sensor.width), thinning.repeated()),
             double_edges: DoubleEdges::found(thinning.intervals()).filter(|_| coarse_times.is_none()),
+            lost_events: LostEvents::found(thinning.pairs()).filter(|_| coarse_times.is_none()),
             disorder: Disorder::met(&pass.report),
             coarse_times,
             edges: edge_width(&evenly_chosen(&windows)),

@@ -1,6 +1,6 @@
 //! Examination of a calibration and of its recordings.
 
-use evcal_core::camera::ModelKind;
+use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
 use super::Task;
@@ -14,7 +14,7 @@ use crate::detection::unplaced::UnplacedWindows;
 use crate::initial::InitialModel;
 use crate::initial::model_choice::{CANDIDATES, ModelRequest, USUAL};
 use crate::quality::cross_check::CrossCheckOutcome;
-use crate::quality::verdict::{Finding, Verdict, verdict};
+use crate::quality::verdict::{Cause, Finding, Verdict, verdict};
 use crate::quality::{EventQuality, Quality, SolveCertainty, examine};
 use crate::solve::State;
 use crate::solve::left_out::LeftOut;
@@ -61,8 +61,9 @@ pub(super) fn examine_calibration(
         ModelRequest::Usual if refined.state.camera.kind() == USUAL => &[],
         ModelRequest::Usual | ModelRequest::Auto => &CANDIDATES,
     };
+    let scale = seen.health.iter().filter_map(|health| health.lost_events).map(|lost| lost.scale()).fold(0.0, f64::max);
     let (quality, event_quality) =
-        examine(&refined, certainty, task.board, saturated, models).map_err(CalibrateError::Solve)?;
+        examine(&refined, certainty, task.board, saturated, scale, models).map_err(CalibrateError::Solve)?;
     refined.events = Vec::new();
     let (mut findings, cross_check) = findings(task, seen, &refined.state, cross_check);
     let good = task.settings.verdict.good;
@@ -82,6 +83,10 @@ fn findings(
     cross_check: Option<CrossCheckOutcome>,
 ) -> (Vec<Finding>, Option<CrossCheckOutcome>) {
     let mut findings = health::findings_on(seen.health);
+    if !has_square_pixels(&state.camera) {
+        // Each edge passes both pixels that were binned to one.
+        findings.retain(|finding| finding.cause != Cause::DoubleEdges);
+    }
     findings.extend(other_camera::findings_on(task.inputs, seen.frames, seen.initial));
     findings.extend(unseen_rows::finding_on(task.board.lattice(), seen.frames));
     let circles = task.board.circles();
@@ -96,4 +101,11 @@ fn findings(
     findings.extend(cross_check.as_ref().and_then(CrossCheckOutcome::finding));
     findings.extend(orientation::finding_on(task.board, seen.sensor));
     (findings, cross_check)
+}
+
+/// Returns `false` if pixels were binned along one axis.
+fn has_square_pixels(camera: &Camera<f64>) -> bool {
+    /// Largest ratio of the focal lengths of square pixels.
+    const SQUARE: f64 = 1.3;
+    camera.axial_focal_lengths().is_none_or(|[x, y]| x < SQUARE * y && y < SQUARE * x)
 }

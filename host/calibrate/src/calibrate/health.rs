@@ -6,6 +6,7 @@ use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
 use crate::diagnosis::disorder::Disorder;
 use crate::diagnosis::double_edges::DoubleEdges;
 use crate::diagnosis::flicker::Flicker;
+use crate::diagnosis::lost_events::LostEvents;
 use crate::diagnosis::rounded::Rounded;
 use crate::diagnosis::silent_lines::SilentLines;
 use crate::diagnosis::time_steps::CoarseTimes;
@@ -19,6 +20,7 @@ pub(super) struct Health {
     pub(super) always_full: bool,
     pub(super) pixels: BadPixels,
     pub(super) double_edges: Option<DoubleEdges>,
+    pub(super) lost_events: Option<LostEvents>,
     pub(super) disorder: Option<Disorder>,
     pub(super) coarse_times: Option<CoarseTimes>,
     /// Width of the sharpest circles' edges.
@@ -45,6 +47,7 @@ pub(super) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     }
     findings.extend(most_repeated.map(repeating));
     findings.extend(recordings.iter().find_map(|health| health.double_edges).map(doubled));
+    findings.extend(recordings.iter().filter_map(|health| health.lost_events).find(LostEvents::is_certain).map(lost));
     let disorders = recordings.iter().filter_map(|health| health.disorder);
     findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
     findings.extend(recordings.iter().find_map(|health| health.coarse_times).map(too_coarse));
@@ -90,6 +93,16 @@ fn doubled(edges: DoubleEdges) -> Finding {
         severity: Severity::Failure,
         reason: edges.to_string(),
         advice: DoubleEdges::ADVICE.into(),
+    }
+}
+
+fn lost(lost: LostEvents) -> Finding {
+    Finding {
+        // The uncertainty includes what they change.
+        cause: Cause::LostEvents,
+        severity: Severity::Warning,
+        reason: lost.to_string(),
+        advice: LostEvents::ADVICE.into(),
     }
 }
 

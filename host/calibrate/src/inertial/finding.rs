@@ -55,9 +55,9 @@ pub enum Finding {
     },
     /// Several samples share each timestamp.
     Groups {
-        /// Samples per timestamp.
+        /// Samples per timestamp, the median.
         samples: usize,
-        /// Time between timestamps (s).
+        /// Time that so many samples take (s).
         interval: f64,
         /// Delay of the gyroscope, if a timestamp belongs to the last of its samples (s).
         delay: f64,
@@ -156,7 +156,7 @@ impl fmt::Display for Finding {
             ),
             Self::Groups { samples, interval, delay } => write!(
                 f,
-                "every {samples} IMU samples share one timestamp; they were spread evenly over the {:.2} ms up to it. The recording does not contain the sample to which a timestamp belongs, so no delay is certain: if it is the last one, timestamps of the gyroscope are {:.3} ms {} than events. Stamp each sample with the time at which it was taken",
+                "{samples} IMU samples, as a rule, share one timestamp; they were spread evenly over the {:.2} ms up to it. The recording does not contain the sample to which a timestamp belongs, so no delay is certain: if it is the last one, timestamps of the gyroscope are {:.3} ms {} than events. Stamp each sample with the time at which it was taken",
                 1e3 * interval,
                 1e3 * delay.abs(),
                 if *delay < 0.0 { "earlier" } else { "later" }

@@ -14,9 +14,9 @@ use evcal_geometry::numerics::statistics::median;
 const MOST_LATE: f64 = 0.01;
 /// Ratio of the median to the mean interval below which samples arrive in groups.
 const GROUPED: f64 = 0.1;
-/// Share of the groups with one timestamp that must have the usual number of samples and the usual interval.
+/// Share of the groups with one timestamp whose samples must be as far apart as usual.
 const ALIKE: f64 = 0.8;
-/// Relative error of an interval between groups, as a multiple of the usual one.
+/// Largest relative error of an interval, as a multiple of the usual one.
 const INTERVAL_ERROR: f64 = 0.25;
 /// A gap in the timestamps longer than this (s) and this number of mean intervals separates parts without a common rate.
 const GAP: f64 = 0.1;
@@ -39,9 +39,9 @@ pub enum Timing {
     Own,
     /// Samples share timestamps; they were spread evenly over the time up to their timestamp.
     Groups {
-        /// Samples per timestamp.
+        /// Samples per timestamp, the median.
         samples: usize,
-        /// Time between timestamps (s).
+        /// Time that so many samples take (s).
         interval: f64,
     },
     /// They scatter; the samples were placed evenly in the order in which they arrived.
@@ -123,28 +123,29 @@ fn is_grouped(samples: &[Sample]) -> bool {
     median(&mut intervals, f64::total_cmp).is_some_and(|middle| middle < GROUPED * mean)
 }
 
-/// Spreads groups of equally many samples with one timestamp evenly; `None` if there are no such groups.
+/// Spreads groups of samples with one timestamp evenly over the time up to it; `None` if there are no such groups, or if the time
+/// since the group before is not as long as the number of their samples makes it.
 fn in_groups(samples: &[Sample]) -> Option<Ordered> {
     let groups: Vec<&[Sample]> = samples.chunk_by(|a, b| a.t == b.t).collect();
     let mut sizes: Vec<usize> = groups.iter().map(|group| group.len()).collect();
     let size = median(&mut sizes, usize::cmp)?;
-    let stamps: Vec<f64> = groups.iter().filter_map(|group| Some(group.first()?.t)).collect();
-    let steps: Vec<f64> = stamps.iter().zip(stamps.iter().skip(1)).map(|(before, after)| after - before).collect();
-    let interval = median(&mut steps.clone(), f64::total_cmp).filter(|interval| *interval > 0.0)?;
-    let alike = sizes.iter().filter(|one| **one == size).count() as f64 >= ALIKE * sizes.len() as f64;
-    let regular =
-        steps.iter().filter(|step| is_multiple(**step, interval)).count() as f64 >= ALIKE * steps.len() as f64;
-    if size < 2 || groups.len() < FEWEST.div_ceil(size) || !alike || !regular {
+    let step =
+        |before: &&[Sample], group: &&[Sample]| Some((group.first()?.t - before.first()?.t) / group.len() as f64);
+    let steps: Vec<f64> =
+        groups.iter().zip(groups.iter().skip(1)).filter_map(|(before, group)| step(before, group)).collect();
+    let apart = median(&mut steps.clone(), f64::total_cmp).filter(|apart| *apart > 0.0)?;
+    let is_usual = |step: &&f64| (**step / apart - 1.0).abs() <= INTERVAL_ERROR;
+    let regular = steps.iter().filter(is_usual).count() as f64 >= ALIKE * steps.len() as f64;
+    if size < 2 || groups.len() < FEWEST.div_ceil(size) || !regular {
         return None;
     }
-    let apart = interval / size as f64;
-    let spread = groups.iter().filter(|group| group.len() <= size).flat_map(|group| {
+    let spread = groups.iter().flat_map(|group| {
         let last = group.len() - 1;
         let place =
             move |(index, sample): (usize, &Sample)| Sample { t: sample.t - apart * (last - index) as f64, ..*sample };
         group.iter().enumerate().map(place)
     });
-    Some(Ordered { samples: rising(spread), timing: Timing::Groups { samples: size, interval } })
+    Some(Ordered { samples: rising(spread), timing: Timing::Groups { samples: size, interval: size as f64 * apart } })
 }
 
 /// Places samples of a constant rate evenly in their order; `None` if the rate is not constant.
@@ -291,6 +292,27 @@ mod tests {
             let Timing::Groups { samples, interval } = found.timing else { panic!("{:?}", found.timing) };
             assert_eq!((samples, found.samples.len()), (size, given.len()));
             assert!((interval - size as f64 / rate).abs() < 1e-9);
+            assert!(found.samples.iter().all(|sample| (sample.t - truth(sample)).abs() < 1e-9));
+        }
+    }
+
+    /// A driver that reads what has arrived, again and again.
+    #[test]
+    fn groups_of_any_size_are_spread_up_to_their_timestamp() {
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        for (sizes, rate) in [([1.0, 4.0], 1000.0), ([2.0, 9.0], 800.0), ([3.0, 4.0], 200.0)] {
+            let mut given = samples(1000, rate);
+            let mut first = 0;
+            while first < given.len() {
+                let size = uniform_in(&mut random, sizes[0], sizes[1] + 1.0) as usize;
+                let last = (first + size).min(given.len()) - 1;
+                let stamp = given[last].t;
+                given[first..=last].iter_mut().for_each(|sample| sample.t = stamp);
+                first = last + 1;
+            }
+            let found = ordered(given.clone());
+            assert!(matches!(found.timing, Timing::Groups { .. }), "{:?}", found.timing);
+            assert_eq!(found.samples.len(), given.len());
             assert!(found.samples.iter().all(|sample| (sample.t - truth(sample)).abs() < 1e-9));
         }
     }

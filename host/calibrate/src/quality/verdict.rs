@@ -112,6 +112,8 @@ pub enum Cause {
     BoardChanged,
     /// Edges appear twice: the events of two cameras were merged.
     DoubleEdges,
+    /// Most events were lost at random.
+    LostEvents,
     /// The recording contains events more than once.
     RepeatedEvents,
     /// The lens is out of focus, or dirty.

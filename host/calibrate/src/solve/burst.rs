@@ -15,6 +15,7 @@ use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
 use crate::diagnosis::double_edges::{CLOSE, FirstIntervals, OCTAVES};
+use crate::diagnosis::lost_events::BurstPairs;
 
 /// Largest rank with a class of its own; later events of a burst share it.
 pub const MAX_RANK: u8 = 3;
@@ -97,6 +98,8 @@ struct PixelState {
     burst: u8,
     /// `true` if the burst has two events so far, at an interval in [`CLOSE`].
     is_close: bool,
+    /// Polarity index and number of events of the burst before.
+    previous: [u8; 2],
 }
 
 /// Follows the bursts of every pixel of a sensor, and counts its events.
@@ -106,6 +109,7 @@ pub struct BurstTracker {
     longest_pause: i64,
     repeated: u64,
     intervals: FirstIntervals,
+    pairs: BurstPairs,
 }
 
 impl BurstTracker {
@@ -113,10 +117,25 @@ impl BurstTracker {
     /// new burst.
     pub fn new(sensor: Sensor, longest_pause: i64) -> Self {
         let width = usize::from(sensor.width);
-        let state =
-            PixelState { last: i64::MIN, before: 0, count: 0, polarity: 0, length: 0, burst: 0, is_close: false };
+        let state = PixelState {
+            last: i64::MIN,
+            before: 0,
+            count: 0,
+            polarity: 0,
+            length: 0,
+            burst: 0,
+            is_close: false,
+            previous: [0; 2],
+        };
         let pixels = vec![state; width * usize::from(sensor.height)];
-        Self { width, pixels, longest_pause, repeated: 0, intervals: FirstIntervals::default() }
+        Self {
+            width,
+            pixels,
+            longest_pause,
+            repeated: 0,
+            intervals: FirstIntervals::default(),
+            pairs: BurstPairs::default(),
+        }
     }
 
     /// Returns the index of a pixel; `None` outside the sensor.
@@ -150,6 +169,11 @@ impl BurstTracker {
         &self.intervals
     }
 
+    /// Returns the lengths of successive bursts.
+    pub fn pairs(&self) -> &BurstPairs {
+        &self.pairs
+    }
+
     /// Takes the next event in time order and returns its rank in its burst; `None` for an event outside the sensor.
     pub fn push(&mut self, event: &Event) -> Option<BurstBeginning> {
         let pixel = self.pixel(event.x, event.y)?;
@@ -172,6 +196,10 @@ impl BurstTracker {
                 state.is_close = is_same & is_close;
             }
         }
+        let [earlier, length] = state.previous;
+        let is_pair = !continues & (length > 0) & (earlier != state.polarity);
+        self.pairs.add(state.polarity, length, state.length, u32::from(is_pair));
+        state.previous = if continues { state.previous } else { [state.polarity, state.length] };
         let before = state.before << LENGTH_BITS | u32::from(LENGTH_INDICES[usize::from(state.length)]);
         state.before = if continues { state.before } else { before };
         state.burst = state.burst.wrapping_add(u8::from(!continues));

@@ -12,6 +12,7 @@ use evcal_core::sensor::Sensor;
 
 use super::burst::{BurstBeginning, BurstLength, BurstPosition, BurstTracker};
 use crate::diagnosis::double_edges::FirstIntervals;
+use crate::diagnosis::lost_events::BurstPairs;
 
 /// An event with its rank and burst length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,6 +129,11 @@ impl Thinning {
     /// Returns the intervals after the first event of each burst.
     pub fn intervals(&self) -> &FirstIntervals {
         self.bursts.intervals()
+    }
+
+    /// Returns the lengths of successive bursts.
+    pub fn pairs(&self) -> &BurstPairs {
+        self.bursts.pairs()
     }
 
     fn ranked(&self, event: &Waiting) -> RankedEvent {

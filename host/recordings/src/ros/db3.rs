@@ -7,7 +7,7 @@ use std::path::Path;
 use super::container::{Container, MessageHead, Topic, unpack_message};
 use super::fields::Wire;
 use super::message::Kind;
-use super::order::Ordered;
+use super::order::{Ordered, scan};
 use super::sqlite::{self, Description, Pages, Table, Value, Walk};
 use super::{events, extras};
 use crate::bytes::share;
@@ -67,17 +67,21 @@ pub fn open(path: &Path) -> Result<Box<dyn Container>, RecordingError> {
         let what = format!("tables that are not those of a ROS 2 bag: {}", names.join(", "));
         return Err(RecordingError::new(path, RecordingErrorKind::NoEventStream(what)));
     };
-    let (indices, topics) = read_topics(&mut pages, topics, &topic_columns)?;
+    let known = read_topics(&mut pages, topics, &topic_columns)?;
     let columns = columns.try_into().unwrap_or_default();
     let time = messages.column("timestamp");
     let index = tables.iter().find(|index| index.orders(&messages.name, "timestamp"));
     let order = index.and_then(|index| Some((index, order_of(path, index).ok()??)));
     let by_time = order.filter(|(_, order)| !order.is_of_rows).map(|(index, _)| (index.walk(), messages.clone()));
     let (count, is_settled) = ((0, order.map_or(0, |(_, order)| order.count)), order.is_some());
-    let messages = messages.open();
-    let (row, unpacked) = (Vec::new(), Vec::new());
-    let bag = Bag { pages, messages, by_time, count, is_settled, columns, time, topics, indices, row, unpacked };
-    Ok(Box::new(Ordered::new(bag)))
+    let bag = |pages: Pages, by_time: Option<(Walk, Description)>, known: (BTreeMap<i64, usize>, Vec<Topic>)| {
+        let (indices, topics) = known;
+        let (messages, row, unpacked) = (messages.open(), Vec::new(), Vec::new());
+        Bag { pages, messages, by_time, count, is_settled, columns, time, topics, indices, row, unpacked }
+    };
+    let is_of_rows = by_time.is_some()
+        && scan(&mut bag(Pages::open(path)?, None, known.clone())).is_some_and(|order| order.is_of_file());
+    Ok(Box::new(Ordered::new(bag(pages, by_time.filter(|_| !is_of_rows), known))))
 }
 
 /// Order of an index.

@@ -1,5 +1,6 @@
 //! Decoder of the events of one topic.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::Path;
@@ -21,9 +22,16 @@ use crate::reader::{Decode, RecordingInformation};
 /// Number of events from which a batch is returned.
 const BATCH: usize = 16_384;
 
+/// Number of messages of a topic in which its cameras are looked for, and largest number of cameras: a driver may give each message
+/// a frame of its own.
+const LOOKED_AT: usize = 32;
+const MOST_CAMERAS: usize = 4;
+
 struct Decoder {
     container: Box<dyn Container>,
     topic: String,
+    /// Coordinate frame of the camera, if messages of others are on the topic.
+    frame: Option<String>,
     damage: Damage,
     information: RecordingInformation,
     packets: PacketDecoder,
@@ -35,7 +43,7 @@ struct Decoder {
 pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &RecordingOptions) -> OpenResult {
     let mut container = open(path)?;
     let wanted = options.stream.as_deref();
-    let Some(First { topic, description }) = first_of(path, &mut *container, wanted, options.damage)? else {
+    let Some(First { topic, frame, description }) = first_of(path, &mut *container, wanted, options.damage)? else {
         return Err(match container.truncated() {
             Some(Truncation { byte, lost }) => container.damaged(*byte, format!("{lost}; no events precede it")),
             None => RecordingError::new(path, no_topic(container.topics(), wanted)),
@@ -50,19 +58,50 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
         }
     }
     notes.extend(container.doubt());
+    let mut others = other_cameras(&mut *container, &topic, &frame, options.damage);
+    others.sort();
+    let frame = (!others.is_empty() || wanted == Some(&*frame)).then_some(frame);
+    if let Some(frame) = frame.as_ref().filter(|_| !others.is_empty()) {
+        let others = others.join(", ");
+        notes.push(format!("the topic has the events of several cameras; those of the frame {frame} are read; {others} can be chosen as a stream"));
+    }
     let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
     let packets = PacketDecoder::default();
     let container = open(path)?;
-    Ok(Box::new(Decoder { container, topic, damage: options.damage, information, packets, begun: None }))
+    Ok(Box::new(Decoder { container, topic, frame, damage: options.damage, information, packets, begun: None }))
+}
+
+/// Returns the frames of other cameras than that of `frame` in the next messages of `topic`; empty if it is the only one.
+fn other_cameras(container: &mut dyn Container, topic: &str, frame: &str, damage: Damage) -> Vec<String> {
+    let mut messages: BTreeMap<String, usize> = BTreeMap::from([(frame.to_owned(), 1)]);
+    let mut seen = 1;
+    while seen < LOOKED_AT {
+        let head = match container.next() {
+            Ok(Some(head)) => head,
+            Err(error) if is_skipped(&error, damage) => continue,
+            // The reader of the events reports damage.
+            Ok(None) | Err(_) => break,
+        };
+        let of_topic = |one: &&Topic| one.kind.contains_events() && one.name == topic;
+        let Some(wire) = container.topics().get(head.topic).filter(of_topic).map(|topic| topic.wire) else { continue };
+        *messages.entry(message::frame_name(wire, container.message())).or_default() += 1;
+        seen += 1;
+    }
+    if messages.len() > MOST_CAMERAS || messages.values().any(|count| *count < 2) {
+        return Vec::new();
+    }
+    messages.into_keys().filter(|other| other != frame).collect()
 }
 
 /// A topic with events, and the description in its first message with events.
 struct First {
     topic: String,
+    /// Coordinate frame of the camera; empty if the message has none.
+    frame: String,
     description: Description,
 }
 
-/// Finds the first message with events of the topic `wanted`, or of any topic if it is `None`. If there is none,
+/// Finds the first message with events of the topic, or of the coordinate frame, `wanted`, or of any if it is `None`. If there is none,
 /// returns the first message that could contain events. Messages in an unsupported encoding are an error only if no
 /// other follows, because some drivers send triggers in such messages.
 fn first_of(
@@ -79,8 +118,13 @@ fn first_of(
             Err(error) if is_skipped(&error, damage) => continue,
             Err(error) => return Err(error),
         };
-        let fits = |topic: &&Topic| topic.kind.contains_events() && wanted.is_none_or(|wanted| wanted == topic.name);
-        let Some(topic) = container.topics().get(head.topic).filter(fits) else { continue };
+        let Some(topic) = container.topics().get(head.topic).filter(|topic| topic.kind.contains_events()) else {
+            continue;
+        };
+        let frame = message::frame_name(topic.wire, container.message());
+        if wanted.is_some_and(|wanted| wanted != topic.name && wanted != frame) {
+            continue;
+        }
         let description = match message::description(topic.kind, topic.wire, container.message()) {
             Ok(description) => description,
             Err(_) if damage == Damage::Skip => continue,
@@ -92,7 +136,7 @@ fn first_of(
             continue;
         }
         let has_events = description.has_events;
-        let first = First { topic: topic.name.clone(), description };
+        let first = First { topic: topic.name.clone(), frame, description };
         if has_events {
             return Ok(Some(first));
         }
@@ -134,6 +178,15 @@ impl Decoder {
             return Ok(true);
         }
         let message = self.container.message();
+        if from == 0
+            && let Some(frame) = &self.frame
+        {
+            let other = message::frame_name(topic.wire, message);
+            if other != *frame {
+                *report.other_packets.entry(format!("{} of {other}", topic.description())).or_default() += 1;
+                return Ok(true);
+            }
+        }
         let decoded = message::events(topic.kind, topic.wire, message, from, &mut self.packets, batch);
         let rest = decoded.map_err(|error| damaged(&*self.container, &head, topic, &error.to_string()))?;
         self.begun = rest.map(|from| (head, from));

@@ -2,12 +2,14 @@
 //!
 //! The three containers allow messages in any order, and other readers return them by time. An index determines the
 //! order in which chunks are read; messages of chunks that overlap in time, or of a file without an index, are sorted
-//! within a limited number of bytes.
+//! within a limited number of bytes. If the clock of the recorder was set back meanwhile, the stamps in the messages are in
+//! the order of the file, and so are the messages.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 
 use super::container::{Container, MessageHead, Topic};
+use super::fields::Fields;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::Truncation;
 
@@ -15,6 +17,8 @@ use crate::read_report::Truncation;
 const MOST_BYTES: usize = 1 << 26;
 /// Smallest size in bytes with which a message is counted, because there may be very many empty ones.
 const LEAST_OF_A_MESSAGE: usize = 256;
+/// Largest number of messages whose stamps are compared with their times.
+const MOST_STAMPS: usize = 1 << 20;
 
 /// A chunk according to the index of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -31,6 +35,8 @@ pub struct ChunkOrder {
     chunks: Vec<IndexedChunk>,
     /// `true` if this is not the order of the file.
     is_moved: bool,
+    /// `true` if messages keep the order of the file, whatever their times.
+    is_of_file: bool,
     next: usize,
 }
 
@@ -39,12 +45,17 @@ impl ChunkOrder {
     pub fn new(mut chunks: Vec<IndexedChunk>) -> Self {
         chunks.sort_unstable();
         let is_moved = !chunks.is_sorted_by_key(|chunk| chunk.byte);
-        Self { chunks, is_moved, next: 0 }
+        Self { chunks, is_moved, ..Self::default() }
     }
 
     /// `true` if chunks must be read in another order than that of the file.
     pub fn is_moved(&self) -> bool {
         self.is_moved
+    }
+
+    /// `true` if messages keep the order of the file.
+    pub fn is_of_file(&self) -> bool {
+        self.is_of_file
     }
 
     /// Offset of the next chunk, if the order is not that of the file. The inner value is `None` at the end.
@@ -59,6 +70,9 @@ impl ChunkOrder {
     /// `true` if no message of a later chunk is earlier than any of the chunk at `byte`, whose messages have these
     /// `times`, and if these are in order.
     pub fn is_settled(&mut self, byte: u64, times: impl Iterator<Item = i64>) -> bool {
+        if self.is_of_file {
+            return true;
+        }
         let mut last = i64::MIN;
         for time in times {
             if time < last {
@@ -80,9 +94,16 @@ impl ChunkOrder {
 /// read gets the time before it, so that it is reported later. `None` if the file is cut off.
 pub fn scan(container: &mut impl Container) -> Option<ChunkOrder> {
     let (mut starts, mut latest) = (BTreeMap::new(), i64::MIN);
+    let mut stamped: Vec<Stamped> = Vec::new();
     loop {
         match container.next() {
-            Ok(Some(MessageHead { byte, time, .. })) => {
+            Ok(Some(MessageHead { byte, time, topic, .. })) => {
+                let of_events = container.topics().get(topic).filter(|topic| topic.kind.contains_events());
+                let header =
+                    of_events.map(|topic| Fields::new(topic.wire, container.message()).and_then(|mut it| it.header()));
+                if let Some(Ok(stamp)) = header.filter(|_| stamped.len() < MOST_STAMPS) {
+                    stamped.push(Stamped { time, stamp, topic });
+                }
                 latest = time;
                 let start = starts.entry(byte).or_insert(time);
                 *start = time.min(*start);
@@ -95,7 +116,33 @@ pub fn scan(container: &mut impl Container) -> Option<ChunkOrder> {
         }
     }
     let chunks = starts.into_iter().map(|(byte, start)| IndexedChunk { start, byte }).collect();
-    container.truncated().is_none().then(|| ChunkOrder::new(chunks))
+    let order = if is_of_file(stamped) {
+        ChunkOrder { is_of_file: true, ..ChunkOrder::default() }
+    } else {
+        ChunkOrder::new(chunks)
+    };
+    container.truncated().is_none().then_some(order)
+}
+
+/// Time of recording and stamp of a message with events.
+#[derive(Clone, Copy)]
+struct Stamped {
+    time: i64,
+    stamp: i64,
+    topic: usize,
+}
+
+/// Returns `true` if the stamps of messages, given in the order of the file, step back less often in it than in the order of
+/// their times.
+fn is_of_file(mut stamped: Vec<Stamped>) -> bool {
+    let back = |stamped: &[Stamped]| {
+        let mut last: BTreeMap<usize, i64> = BTreeMap::new();
+        let steps_back = |one: &&Stamped| last.insert(one.topic, one.stamp).is_some_and(|last| one.stamp < last);
+        stamped.iter().filter(steps_back).count()
+    };
+    let of_file = back(&stamped);
+    stamped.sort_by_key(|one| one.time);
+    of_file < back(&stamped)
 }
 
 /// A message that is kept until no earlier one can follow.

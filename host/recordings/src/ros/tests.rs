@@ -116,6 +116,39 @@ fn a_topic_is_chosen_by_name() {
     }
 }
 
+/// A launch file that gives both cameras of a rig the same topic.
+#[test]
+fn cameras_on_one_topic_are_told_apart_by_their_frames() {
+    let of = |frame: &[u8], message: Vec<u8>| {
+        let at = message.windows(6).position(|bytes| bytes == b"camera").unwrap();
+        [&message[..at], frame, &message[at + 6..]].concat()
+    };
+    let rig = |frames: [&'static [u8]; 6]| {
+        move |wire: Wire| -> Messages {
+            let name = if wire == Wire::Ros1 { "dvs_msgs/EventArray" } else { "dvs_msgs/msg/EventArray" };
+            let message = |(index, frame): (usize, &[u8])| of(frame, event_array(wire, &events(2 * index as i64, 2)));
+            frames.into_iter().enumerate().map(|one| ("/dvs/events", name, message(one))).collect()
+        }
+    };
+    let [left, right]: [&[u8]; 2] = [b"cam_le", b"cam_ri"];
+    let of_messages = |numbers: [i64; 3]| numbers.into_iter().flat_map(|number| events(2 * number, 2)).collect();
+    for content in files(rig([left, right, right, left, left, right])) {
+        let Outcome { events: read, information, report, error } = testing::read(&content);
+        let left: Vec<Event> = of_messages([0, 3, 4]);
+        assert_eq!((read, error), (left, None));
+        assert_eq!(report.other_packets.values().sum::<u64>(), 3);
+        let notes = information.unwrap().notes;
+        assert!(notes.iter().any(|note| note.contains("cam_le") && note.contains("cam_ri")), "{notes:?}");
+        let options = RecordingOptions { stream: Some("cam_ri".to_owned()), ..RecordingOptions::default() };
+        let right: Vec<Event> = of_messages([1, 2, 5]);
+        assert_eq!(testing::read_with(&content, options).events, right);
+    }
+    // A driver that numbers its frames.
+    for content in files(rig([b"img_01", b"img_02", b"img_03", b"img_04", b"img_05", b"img_06"])) {
+        assert_eq!(testing::read(&content).events, events(0, 12));
+    }
+}
+
 /// Some drivers send triggers as event packets.
 #[test]
 fn packets_in_an_unsupported_encoding_are_skipped() {

@@ -168,6 +168,44 @@ fn messages_are_read_in_order_of_their_times() {
     }
 }
 
+/// Returns a message with events whose header has the time `t` in µs.
+fn stamped(t: i64, mut message: Vec<u8>) -> Vec<u8> {
+    let time = [((t / 1_000_000) as u32).to_le_bytes(), ((t % 1_000_000 * 1000) as u32).to_le_bytes()].concat();
+    // The number of the message, or the four bytes of the encapsulation, precede it.
+    message[4..12].copy_from_slice(&time);
+    message
+}
+
+/// The computer's clock was set back while it recorded.
+#[test]
+fn messages_keep_the_order_of_the_file_if_the_clock_was_set_back() {
+    for wire in [Wire::Ros1, Wire::Cdr] {
+        let name = if wire == Wire::Ros1 { "dvs_msgs/EventArray" } else { "dvs_msgs/msg/EventArray" };
+        let message = |index: i64| {
+            let events = events(10 * index, 10);
+            let t = events[9].t;
+            (if index < 20 { t } else { t - 90_000 }, ("/dvs/events", name, stamped(t, event_array(wire, &events))))
+        };
+        let (times, stored): (Vec<i64>, Messages) = (0..40).map(message).unzip();
+        let mut files: Vec<Vec<u8>> = [1, 2, 7]
+            .map(|side| match wire {
+                Wire::Ros1 => bag_of(&stored, &times, side, true),
+                Wire::Cdr => mcap_of(&stored, &times, side, true),
+            })
+            .into();
+        if wire == Wire::Cdr {
+            files.push(database::indexed_bag(&stored, &times));
+        }
+        for content in files {
+            let outcome = testing::read(&content);
+            assert_eq!(outcome.error, None);
+            assert!(outcome.events == events(0, 400), "{} events", outcome.events.len());
+            let report = outcome.report;
+            assert_eq!((report.sorted, report.steps_back, report.clock_resets), (0, 0, 0), "{wire:?}");
+        }
+    }
+}
+
 /// A damaged chunk of a file that is not in order, and a file that ends early.
 #[test]
 fn damage_in_a_file_out_of_order_loses_only_its_chunk() {
