@@ -87,7 +87,8 @@ findings:
 	@for script in findings/*.sh; do echo "== $$script"; sh $$script || failed="$$failed $$script"; done; \
 	    [ -z "$$failed" ] || { echo "findings: changed:$$failed" >&2; exit 1; }
 
-# Dependencies between crates and between the modules of host/calibrate, and import cycles in all crates.
+# Dependencies between crates and between the modules of host/detection, host/solve and host/calibrate, and import cycles in all
+# crates.
 rooms: setup
 	cargo test -p evcal-sources --test rooms --release --locked -- --nocapture
 

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use evcal_calibrate::circles::{stream, track};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::settings::Settings;
 use evcal_core::decode::{Evt2Decoder, Evt3Decoder, Evt4Decoder, Evt21Decoder};
 use evcal_core::sensor::Sensor;
+use evcal_detection::circles::{stream, track};
 use evcal_geometry::board::{Board, BoardError, BoardProblem};
 use evcal_live::page::Page;
 use event_recordings::image_folder::{self, ImageFolder, ImageFolderError, Stamps};

@@ -12,7 +12,7 @@ use evcal_calibrate::calibrate::second::{calibrate_against_first, calibrate_lens
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task};
 use evcal_calibrate::inertial::settings::InertialSettings;
-use evcal_calibrate::initial::model_choice::ModelRequest;
+use evcal_solve::initial::model_choice::ModelRequest;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts, worst_grade};

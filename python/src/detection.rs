@@ -1,6 +1,6 @@
 //! Detection of the board, window by window.
 
-use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
+use evcal_detection::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_geometry::board::{Board, BoardError};
 use numpy::PyArrayDescr;
 use pyo3::exceptions::PyValueError;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use evcal_calibrate::circles::file::{EventsError, open_events};
-use evcal_calibrate::diagnosis::information::gather;
+use evcal_detection::circles::file::{EventsError, open_events};
+use evcal_detection::diagnosis::information::gather;
 use event_recordings::{OptionError, Recording, RecordingOptions};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

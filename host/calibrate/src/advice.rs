@@ -12,10 +12,10 @@ use evcal_core::sensor::Sensor;
 use evcal_geometry::board::CircleBoard;
 use event_recordings::{RecordingOptions, TimeUnit};
 
-use crate::detection::NoPattern;
-use crate::detection::no_board::only_one_polarity;
-use crate::detection::radius::OtherRadius;
-use crate::detection::recognised::Recognised;
+use evcal_detection::detection::NoPattern;
+use evcal_detection::detection::no_board::only_one_polarity;
+use evcal_detection::detection::radius::OtherRadius;
+use evcal_detection::detection::recognised::Recognised;
 
 /// Function with which a program words advice.
 pub type Wording = fn(&Advice) -> String;

@@ -48,12 +48,12 @@ use self::step::Step;
 use self::still_views::AtRest;
 use crate::advice::{self, Wording};
 use crate::calibrate::input::Input;
-use crate::detection::still_views::LEAST_TIME;
-use crate::initial::model_choice::{ModelRequest, USUAL};
 use crate::quality::verdict::Grade;
 use crate::settings::Settings;
-use crate::solve::SolveError;
+use evcal_detection::detection::still_views::LEAST_TIME;
 use evcal_geometry::board::Board;
+use evcal_solve::initial::model_choice::{ModelRequest, USUAL};
+use evcal_solve::solve::SolveError;
 
 /// Use of the camera's own pictures, if the recordings contain any.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

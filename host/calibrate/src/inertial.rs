@@ -39,13 +39,13 @@ use stream::StreamReport;
 use uncertainty::InertialUncertainty;
 
 use crate::quality::uncertainty::Uncertainty;
-use crate::solve::Problem;
-use crate::solve::fixed_intrinsics::{self, FixedIntrinsics, share_of_fixed};
-use crate::solve::left_out::covers;
-use crate::solve::refinement::Refined;
-use crate::solve::system::Reduced;
-use crate::trajectory::Trajectory;
-use crate::trajectory::mean_distance;
+use evcal_solve::solve::Problem;
+use evcal_solve::solve::fixed_intrinsics::{self, FixedIntrinsics, share_of_fixed};
+use evcal_solve::solve::left_out::covers;
+use evcal_solve::solve::refinement::Refined;
+use evcal_solve::solve::system::Reduced;
+use evcal_solve::trajectory::Trajectory;
+use evcal_solve::trajectory::mean_distance;
 
 /// Fewest seconds of samples along trajectories.
 pub const FEWEST_SECONDS: f64 = 3.0;

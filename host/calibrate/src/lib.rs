@@ -6,21 +6,14 @@
 pub mod advice;
 pub mod calibrate;
 pub mod check;
-pub mod circles;
-pub mod detection;
-pub mod diagnosis;
 pub mod evaluate;
 pub mod export;
 pub mod inertial;
-pub mod initial;
-pub mod motion_capture;
 pub mod picture_calibration;
 pub mod quality;
 pub mod result;
 pub mod second_camera;
 pub mod settings;
-pub mod solve;
-pub mod trajectory;
 pub mod undistort;
 
 pub use evcal_geometry::VERSION;

@@ -4,7 +4,7 @@
 //! them too, in the ordinary way, and both results are compared: sensor, lens and board are the same, but light, detector,
 //! residual and corrections of events are not.
 //!
-//! pictures → dark spots → dots → board → reference frames → first camera and poses ([`crate::initial`]) → bundle → cross-check.
+//! pictures → dark spots → dots → board → reference frames → first camera and poses ([`evcal_solve::initial`]) → bundle → cross-check.
 
 pub mod alignment;
 pub mod bundle;

@@ -16,7 +16,6 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use crate::circles::reference_frame::ReferenceFrame;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureSource};
 use crate::quality::board_evidence::BoardEstimate;
 use crate::quality::coverage::{Coverage, coverage, coverage_of};
@@ -28,16 +27,17 @@ use crate::quality::split_half::{SplitHalf, split_half};
 use crate::quality::uncertainty::parts::ProjectionParts;
 use crate::quality::uncertainty::projection::{ProjectionUncertainty, projection_uncertainty};
 use crate::quality::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
-use crate::solve::board_edge::BoardEdges;
-use crate::solve::burst::RANK_COUNT;
-use crate::solve::event_bias::bias::Bias;
-use crate::solve::event_bias::{CLASS_COUNT, EventKind};
-use crate::solve::left_out::LeftOut;
-use crate::solve::pose_covariance::PoseCovariance;
-use crate::solve::refinement::Refined;
-use crate::solve::{Problem, SolveError, State};
+use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::folds::folds;
+use evcal_solve::solve::board_edge::BoardEdges;
+use evcal_solve::solve::burst::RANK_COUNT;
+use evcal_solve::solve::event_bias::bias::Bias;
+use evcal_solve::solve::event_bias::{CLASS_COUNT, EventKind};
+use evcal_solve::solve::left_out::LeftOut;
+use evcal_solve::solve::pose_covariance::PoseCovariance;
+use evcal_solve::solve::refinement::Refined;
+use evcal_solve::solve::{Problem, SolveError, State};
 
 /// Quality measures of a calibration, whatever its input was.
 #[derive(Clone, Debug)]

@@ -30,15 +30,15 @@ use self::joint::{Joint, Lenses, Solved, own_rms, share_of_lenses, solve};
 use self::mount::{Mount, ROTATION, TRANSLATION};
 use self::seen::{Seen, sample_at};
 use self::start::{FEWEST_SECONDS, Start};
-use crate::circles::reference_frame::PointObservation;
 use crate::quality::uncertainty::Uncertainty;
-use crate::solve::fixed_intrinsics::{self, FixedIntrinsics};
-use crate::solve::left_out::covers;
-use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
-use crate::solve::refinement::Refined;
-use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
-use crate::trajectory::mean_distance;
+use evcal_detection::circles::reference_frame::PointObservation;
 use evcal_geometry::board::symmetry::{Symmetries, Symmetry};
+use evcal_solve::solve::fixed_intrinsics::{self, FixedIntrinsics};
+use evcal_solve::solve::left_out::covers;
+use evcal_solve::solve::observation::{EventBin, EventObservation, SegmentObservations};
+use evcal_solve::solve::refinement::Refined;
+use evcal_solve::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
+use evcal_solve::trajectory::mean_distance;
 
 /// Largest σ of the rotation (rad) with which a mount counts as determined.
 const LEAST_KNOWN_ROTATION: f64 = 0.35;

@@ -23,18 +23,18 @@ use toml::Table;
 
 pub use self::live::LiveSettings;
 pub use self::text::document;
-use crate::detection::pictures::settings::PictureSettings;
-use crate::detection::settings::DetectionSettings;
-use crate::initial::InitialSettings;
 use crate::quality::board_evidence::BoardShapeSettings;
 use crate::quality::poses::PoseSettings;
 use crate::quality::verdict::VerdictSettings;
-use crate::solve::SolveSettings;
-use crate::solve::association::AssociationSettings;
-use crate::solve::refinement::RefinementSettings;
-use crate::trajectory::knot_grid::KnotSettings;
-use crate::trajectory::segment::SegmentSettings;
-use crate::trajectory::settings::SplineSettings;
+use evcal_detection::detection::pictures::settings::PictureSettings;
+use evcal_detection::detection::settings::DetectionSettings;
+use evcal_solve::initial::InitialSettings;
+use evcal_solve::solve::SolveSettings;
+use evcal_solve::solve::association::AssociationSettings;
+use evcal_solve::solve::refinement::RefinementSettings;
+use evcal_solve::trajectory::knot_grid::KnotSettings;
+use evcal_solve::trajectory::segment::SegmentSettings;
+use evcal_solve::trajectory::settings::SplineSettings;
 
 settings! {
     /// All settings.
@@ -144,7 +144,7 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trajectory::RotationSpline;
+    use evcal_solve::trajectory::RotationSpline;
 
     /// The number of settings is limited, because users cannot choose many of them with a reason.
     #[test]

@@ -15,10 +15,10 @@ use std::time::Instant;
 use evcal_calibrate::calibrate::calibrated::EventCalibration;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::{Task, calibrate};
-use evcal_calibrate::initial::model_choice::ModelRequest;
-use evcal_calibrate::solve::levenberg::{OF_CAMERA, Schedule, solve_with_progress};
-use evcal_calibrate::solve::refinement::{Refined, RoundReport};
 use evcal_core::camera::ModelKind;
+use evcal_solve::initial::model_choice::ModelRequest;
+use evcal_solve::solve::levenberg::{OF_CAMERA, Schedule, solve_with_progress};
+use evcal_solve::solve::refinement::{Refined, RoundReport};
 use event_recordings::RecordingOptions;
 
 /// Ticks of processor time per second in `/proc/self/stat`: the same on every Linux.

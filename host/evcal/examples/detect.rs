@@ -5,8 +5,8 @@
 use std::error::Error;
 
 use evcal::{CircleBoard, Recording, RecordingOptions};
-use evcal_calibrate::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 use evcal_calibrate::settings::Settings;
+use evcal_detection::detection::search::{FoundContent, SearchFor, search_events, sensor_of};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

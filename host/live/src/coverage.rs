@@ -4,8 +4,8 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix3, Vector2};
 
 use super::wanted::Requirement;
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
 use evcal_calibrate::settings::LiveSettings;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::{homography, pose_from_homography};
 
@@ -309,7 +309,7 @@ mod tests {
     use nalgebra::{Isometry3, Point3, Vector3};
 
     use super::*;
-    use evcal_calibrate::circles::reference_frame::{ObservedCircle, SeenIn};
+    use evcal_detection::circles::reference_frame::{ObservedCircle, SeenIn};
 
     const SENSOR: Sensor = Sensor::new(346, 260);
 

@@ -1,6 +1,6 @@
 //! Guidance for the board: the pose that would reduce the uncertainty of the camera most.
 //!
-//! Every window with the board adds its information about the intrinsics ([`evcal_calibrate::initial::information`]).
+//! Every window with the board adds its information about the intrinsics ([`evcal_solve::initial::information`]).
 //! The value of a pose is the amount by which one second at this pose reduces the projection's mean variance over the
 //! sensor. The information at a pose is averaged over the typical errors of a person's hands (`board_pose`). The best
 //! pose becomes the *ghost*. It stays until most of its value has been gained, until the board does not come nearer any
@@ -21,11 +21,11 @@ use nalgebra::{Isometry3, Point3, Vector2};
 
 use self::board_pose::{Candidate, candidates, expected_information};
 use self::hint::{choose, errors};
-use evcal_calibrate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use evcal_calibrate::initial::InitialSettings;
-use evcal_calibrate::initial::information::{Information, ProjectionMeasure, prior, sigma_in_cells, view_information};
-use evcal_calibrate::initial::provisional::{provisional_camera, provisional_pose};
+use evcal_detection::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_geometry::board::Board;
+use evcal_solve::initial::InitialSettings;
+use evcal_solve::initial::information::{Information, ProjectionMeasure, prior, sigma_in_cells, view_information};
+use evcal_solve::initial::provisional::{provisional_camera, provisional_pose};
 
 pub use self::board_pose::BoardPose;
 pub use self::hint::{Hint, Swing};

@@ -14,8 +14,8 @@ use self::focus::{Focus, FocusMeter};
 use self::hot_pixels::HotPixels;
 use self::noise::NoiseMeter;
 use self::rates::{RateMeter, Rates};
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
-use evcal_calibrate::diagnosis::flicker::Flicker;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::diagnosis::flicker::Flicker;
 
 /// The figures; `None` until there are enough events.
 #[derive(Clone, Debug, Default, PartialEq)]

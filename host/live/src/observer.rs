@@ -13,13 +13,13 @@ use super::health::{Health, HealthMonitor};
 use super::obstacle::{Explainer, Explanation};
 use super::wanted::Requirement;
 use super::{CoverageSummary, LiveCoverage};
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
-use evcal_calibrate::detection::board_stage::BoardStage;
-use evcal_calibrate::detection::settings::DetectionSettings;
-use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::settings::LiveSettings;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::detection::board_stage::BoardStage;
+use evcal_detection::detection::settings::DetectionSettings;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::homography::homography;
+use evcal_solve::initial::InitialSettings;
 
 /// Interval between summaries of the coverage (s of the sensor's clock); each summary processes all views.
 const SUMMARY: f64 = 0.5;

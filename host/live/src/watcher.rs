@@ -13,10 +13,10 @@ use usb_davis::protocol::{Decoder, Message};
 use super::checkpoint::Checkpoints;
 use super::latest::Latest;
 use super::observer::{Memory, Observer, Seen};
-use evcal_calibrate::detection::settings::DetectionSettings;
-use evcal_calibrate::initial::InitialSettings;
 use evcal_calibrate::settings::LiveSettings;
+use evcal_detection::detection::settings::DetectionSettings;
 use evcal_geometry::board::Board;
+use evcal_solve::initial::InitialSettings;
 use event_recordings::davis::{CameraClock, event};
 
 /// Interval at which checkpoints are updated while nothing arrives.

@@ -6,8 +6,8 @@ use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use evcal_calibrate::initial::{BoardPoint, InitialSettings, MAX_START_RMS, OpencvStart};
 use evcal_geometry::numerics::statistics::median;
+use evcal_solve::initial::{BoardPoint, InitialSettings, MAX_START_RMS, OpencvStart};
 
 use crate::{
     Intrinsics, OpencvCalibration, OpencvError, PinholeDistortion, View, calibrate_fisheye, calibrate_pinhole,

@@ -1,13 +1,13 @@
 //! Functions of OpenCV used at the start of a calibration.
 
-use evcal_calibrate::detection::PlacedCircle;
-use evcal_calibrate::detection::no_board::NoBoard;
-use evcal_calibrate::detection::settings::WholeBoardFinder;
-use evcal_calibrate::initial::{BoardPoint, InitialSettings, PlanarPose, PlanePoint, Start, StartedCamera};
 use evcal_core::camera::ModelKind;
 use evcal_core::grid::GridCandidate;
 use evcal_core::pattern::Pattern;
 use evcal_core::sensor::Sensor;
+use evcal_detection::detection::PlacedCircle;
+use evcal_detection::detection::no_board::NoBoard;
+use evcal_detection::detection::settings::WholeBoardFinder;
+use evcal_solve::initial::{BoardPoint, InitialSettings, PlanarPose, PlanePoint, Start, StartedCamera};
 use nalgebra::Vector2;
 
 use crate::opencv_start::opencv_start;

@@ -12,6 +12,7 @@ const CRATES: &[&str] = &[
     "core",
     "firmware/link",
     "host/calibrate",
+    "host/detection",
     "host/files",
     "host/geometry",
     "host/live",
@@ -19,6 +20,7 @@ const CRATES: &[&str] = &[
     "host/recordings",
     "host/report",
     "host/simulator",
+    "host/solve",
     "host/squares",
     "usb-davis",
 ];

@@ -1,5 +1,5 @@
-//! Checks that the crates, and the top-level modules of `host/calibrate/src` (rooms), use only what the tables in
-//! `docs/architecture.md` allow, and that no crate has import cycles between its files.
+//! Checks that the crates, and the top-level modules of `host/detection/src`, `host/solve/src` and `host/calibrate/src` (rooms),
+//! use only what the tables in `docs/architecture.md` allow, and that no crate has import cycles between its files.
 //!
 //! `make rooms` prints what was checked. Tests within the sources may import anything.
 
@@ -15,11 +15,12 @@ type Module = Vec<String>;
 type Imports = BTreeMap<Module, BTreeSet<Module>>;
 
 const ARCHITECTURE: &str = include_str!("../../../docs/architecture.md");
-/// Beginnings of the headings of the two tables.
+/// Beginning of the heading of the table of crates.
 const CRATES: &str = "## Crates";
-const ROOMS: &str = "### `host/calibrate/src`";
-/// The crate whose top-level modules are checked.
-const WITH_ROOMS: &str = "host/calibrate";
+/// The crates whose top-level modules are checked: folders and names in code. No name of a room occurs twice, so the checks treat
+/// them like one crate.
+const WITH_ROOMS: [(&str, &str); 3] =
+    [("host/detection", "evcal_detection"), ("host/solve", "evcal_solve"), ("host/calibrate", "evcal_calibrate")];
 /// A crate that is not in the table and must not have import cycles either.
 const NOT_IN_TABLE: &str = "python";
 
@@ -63,6 +64,16 @@ fn table(document: &str, heading: &str) -> Vec<Room> {
         Room { name: name(cells[0]), package, may_use }
     })
     .collect()
+}
+
+/// Returns the rows of the table of rooms of the crate in `folder`.
+fn rooms_of(folder: &str) -> Vec<Room> {
+    table(ARCHITECTURE, &format!("### `{folder}/src`"))
+}
+
+/// Returns the rows of all tables of rooms, in order.
+fn rooms() -> Vec<Room> {
+    WITH_ROOMS.iter().flat_map(|(folder, _)| rooms_of(folder)).collect()
 }
 
 /// Returns the packages of the workspace that the crate in `folder` depends on, except for its tests.
@@ -158,11 +169,16 @@ impl<'a> Visit<'a> for Paths {
     }
 }
 
-/// Resolves a path that `module` names to a module of its crate; `None` if it leads out of the crate.
-fn resolve(module: &Module, path: &[String], modules: &BTreeSet<Module>) -> Option<Module> {
+/// Resolves a path that `module` names to a module of its crate; `None` if it leads out of the crate. The crate also has the
+/// names `also`.
+fn resolve(module: &Module, path: &[String], modules: &BTreeSet<Module>, also: &[&str]) -> Option<Module> {
     let mut rest = path;
     let mut found: Module = match path.first().map(String::as_str) {
         Some("crate") => Vec::new(),
+        Some(name) if also.contains(&name) => {
+            rest = &rest[1..];
+            Vec::new()
+        }
         Some("self" | "super") => module.clone(),
         // A path may begin with a module that the file declares itself.
         Some(name) if modules.contains(&[module.as_slice(), &[name.to_owned()]].concat()) => {
@@ -190,14 +206,14 @@ fn resolve(module: &Module, path: &[String], modules: &BTreeSet<Module>) -> Opti
     Some(found)
 }
 
-/// Returns the imports of every module of a crate, from the text of its files.
-fn imports(files: &BTreeMap<Module, String>) -> Imports {
+/// Returns the imports of every module of a crate, from the text of its files. The crate also has the names `also`.
+fn imports(files: &BTreeMap<Module, String>, also: &[&str]) -> Imports {
     let modules: BTreeSet<Module> = files.keys().cloned().collect();
     let of_file = |(module, text): (&Module, &String)| {
         let file: File = syn::parse_file(text).unwrap_or_else(|error| panic!("{}: {error}", module.join("::")));
         let mut paths = Paths::default();
         paths.visit_file(&file);
-        let imported = paths.found.iter().filter_map(|path| resolve(module, path, &modules));
+        let imported = paths.found.iter().filter_map(|path| resolve(module, path, &modules, also));
         (module.clone(), imported.filter(|other| other != module).collect())
     };
     files.iter().filter(|(module, _)| module.last().is_none_or(|name| name != "tests")).map(of_file).collect()
@@ -316,27 +332,31 @@ fn every_crate_of_the_host_has_a_row() {
 
 #[test]
 fn rooms_use_only_the_rooms_in_their_row() {
-    let rooms = table(ARCHITECTURE, ROOMS);
-    let imports = imports(&sources(WITH_ROOMS));
+    let rooms = rooms();
+    let files = WITH_ROOMS.iter().flat_map(|(folder, _)| sources(folder)).collect();
+    let imports = imports(&files, &WITH_ROOMS.map(|(_, name)| name));
     let wrong = outside_of_rows(&imports, &rooms);
-    println!("{WITH_ROOMS}: {} rooms, {} files, {} imports outside", rooms.len(), imports.len(), wrong.len());
+    println!("{} rooms, {} files, {} imports outside", rooms.len(), imports.len(), wrong.len());
     assert!(wrong.is_empty(), "not allowed by docs/architecture.md:\n{}", wrong.join("\n"));
 }
 
 #[test]
-fn rooms_and_rows_of_the_table_are_the_same() {
-    let files = sources(WITH_ROOMS);
-    let there: BTreeSet<&str> = files.keys().filter_map(|module| module.first().map(String::as_str)).collect();
-    let rooms = table(ARCHITECTURE, ROOMS);
-    let rooms: BTreeSet<&str> = rooms.iter().map(|room| room.name.as_str()).collect();
-    assert_eq!(there, rooms, "rooms of {WITH_ROOMS} (left) and of docs/architecture.md (right)");
+fn rooms_and_rows_of_the_tables_are_the_same() {
+    for (folder, _) in WITH_ROOMS {
+        let files = sources(folder);
+        let there: BTreeSet<&str> = files.keys().filter_map(|module| module.first().map(String::as_str)).collect();
+        let rooms = rooms_of(folder);
+        let rooms: BTreeSet<&str> = rooms.iter().map(|room| room.name.as_str()).collect();
+        assert_eq!(there, rooms, "rooms of {folder} (left) and of docs/architecture.md (right)");
+    }
 }
 
 #[test]
 fn a_row_names_only_rows_above_it() {
-    for heading in [CRATES, ROOMS] {
-        let rows = table(ARCHITECTURE, heading);
-        assert!(rows.len() > 10, "{heading}: {} rows", rows.len());
+    for (name, rows) in [("crates", table(ARCHITECTURE, CRATES)), ("rooms", rooms())] {
+        assert!(rows.len() > 10, "{name}: {} rows", rows.len());
+        let names: BTreeSet<&str> = rows.iter().map(|row| row.name.as_str()).collect();
+        assert_eq!(names.len(), rows.len(), "{name}: a name occurs twice");
         for (index, row) in rows.iter().enumerate() {
             let MayUse::Rooms(may_use) = &row.may_use else { continue };
             for other in may_use {
@@ -352,7 +372,7 @@ fn no_crate_has_import_cycles() {
     let mut all = Vec::new();
     let crates = table(ARCHITECTURE, CRATES).into_iter().map(|row| row.name);
     for name in crates.chain([NOT_IN_TABLE.to_owned()]) {
-        let imports = imports(&sources(&name));
+        let imports = imports(&sources(&name), &[]);
         let groups = cycles(&imports);
         println!("{name}: {} files, {} import cycles", imports.len(), groups.len());
         all.extend(groups.iter().map(|group| format!("{name}: {}", written(group))));
@@ -364,12 +384,13 @@ fn no_crate_has_import_cycles() {
 mod checks {
     use super::*;
 
-    const TABLE: &str = "### `host/calibrate/src`\n\n| room | content | may use |\n|---|---|---|\n\
+    const HEADING: &str = "### Rooms";
+    const TABLE: &str = "### Rooms\n\n| room | content | may use |\n|---|---|---|\n\
         | `numerics` | x | |\n| `solve` | x | `numerics` |\n| `cli` | x | everything |\n";
 
     fn crate_of(files: &[(&str, &str)]) -> Imports {
         let module = |name: &str| name.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
-        imports(&files.iter().map(|(name, text)| (module(name), (*text).to_owned())).collect())
+        imports(&files.iter().map(|(name, text)| (module(name), (*text).to_owned())).collect(), &["evcal_rooms"])
     }
 
     #[test]
@@ -378,12 +399,14 @@ mod checks {
             "use crate::solve::step;",
             "use crate::{solve::step, other};",
             "use super::solve;",
+            "use evcal_rooms::solve::step;",
+            "fn f() { evcal_rooms::solve::step() }",
             "fn f() { crate::solve::step() }",
             "fn f() { println!(\"{}\", crate::solve::step()) }",
             "fn f() -> Option<crate::solve::Step> { None }",
         ] {
             let imports = crate_of(&[("numerics", text), ("solve", "use crate::numerics::huber;"), ("other", "")]);
-            let wrong = outside_of_rows(&imports, &table(TABLE, ROOMS));
+            let wrong = outside_of_rows(&imports, &table(TABLE, HEADING));
             assert!(wrong.contains(&"numerics imports from solve".to_owned()), "{text}: {wrong:?}");
         }
     }
@@ -394,16 +417,16 @@ mod checks {
             ("numerics", "#[cfg(test)] mod tests { use crate::solve::step; }"),
             ("solve", "use crate::numerics::huber; use std::fmt; mod part; use part::Part;"),
             ("solve::part", "use super::Problem; use crate::numerics;"),
-            ("cli", "use evcal_calibrate::solve::step;"),
+            ("cli", "use evcal_other::solve::step;"),
         ]);
-        assert_eq!(outside_of_rows(&imports, &table(TABLE, ROOMS)), Vec::<String>::new());
+        assert_eq!(outside_of_rows(&imports, &table(TABLE, HEADING)), Vec::<String>::new());
         assert_eq!(cycles(&imports), Vec::<Vec<Module>>::new());
     }
 
     #[test]
     fn a_module_without_a_row_is_found() {
         let imports = crate_of(&[("attic::box", "")]);
-        assert_eq!(outside_of_rows(&imports, &table(TABLE, ROOMS)), ["attic::box has no row in the table"]);
+        assert_eq!(outside_of_rows(&imports, &table(TABLE, HEADING)), ["attic::box has no row in the table"]);
     }
 
     #[test]

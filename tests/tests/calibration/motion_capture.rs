@@ -96,7 +96,7 @@ fn wrong_units_orders_and_clocks_are_rejected() {
     });
 }
 
-/// The tests of `evcal-calibrate` cover other such motions.
+/// The tests of `evcal-solve` cover other such motions.
 #[test]
 fn a_motion_that_does_not_determine_the_marker_body_is_rejected() {
     let simulation = one_axis();

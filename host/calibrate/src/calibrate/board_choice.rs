@@ -1,13 +1,13 @@
 //! The board of a calibration: named by the user, or recognised in the recordings.
 
 use super::input::Input;
-use crate::detection::layout::{RecognisedLayout, find_layout};
-use crate::detection::other_board::OtherReading;
-use crate::detection::recognised::{Recognised, find_board};
-use crate::detection::search::{SearchError, sensor_of};
-use crate::detection::settings::DetectionSettings;
-use crate::detection::stated_board::{OtherRatio, StatedBoard, compare, compare_frames, squares_instead_of};
 use evcal_core::sensor::Sensor;
+use evcal_detection::detection::layout::{RecognisedLayout, find_layout};
+use evcal_detection::detection::other_board::OtherReading;
+use evcal_detection::detection::recognised::{Recognised, find_board};
+use evcal_detection::detection::search::{SearchError, sensor_of};
+use evcal_detection::detection::settings::DetectionSettings;
+use evcal_detection::detection::stated_board::{OtherRatio, StatedBoard, compare, compare_frames, squares_instead_of};
 use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
 use evcal_geometry::board::squares::{CharucoLayout, TagGrid, TagOrder};
 use evcal_geometry::board::{Board, CircleBoard, SquareBoard};

@@ -12,11 +12,11 @@ use crate::quality::board_evidence::{BoardEstimate, BoardEvidence};
 use crate::quality::misfit::lens_explains_more;
 use crate::quality::residual_map::residual_map;
 use crate::quality::uncertainty::SolveUncertainty;
-use crate::solve::State;
-use crate::solve::refinement::{EventInput, Refined, RefinementInput};
 use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
 use evcal_geometry::lens::distortion_prior::distortion_prior;
 use evcal_geometry::lens::fixed::with_fixed;
+use evcal_solve::solve::State;
+use evcal_solve::solve::refinement::{EventInput, Refined, RefinementInput};
 
 /// Largest number of solves in which parameters of the board are added or removed.
 const MOST_CHANGES: usize = 3;

@@ -18,16 +18,16 @@ use super::picture_solve::{WithPictures, join_pictures};
 use super::pictures::{Files, calibrate_pictures_with_events, cross_check};
 use super::progress::Progress;
 use super::saturated::Saturated;
-use crate::circles::reference_frame::PointObservation;
-use crate::initial::InitialModel;
-use crate::solve::event_bias::unknown;
-use crate::solve::left_out::LeftOut;
-use crate::solve::refinement::{EventInput, FIRST_SIGMA, RefinementInput, SMALLEST_POINT_SIGMA};
-use crate::solve::residual_statistics::Measured;
-use crate::solve::{BOARD_PARAMETERS, State};
-use crate::trajectory::Trajectory;
-use crate::trajectory::first::first_trajectories;
+use evcal_detection::circles::reference_frame::PointObservation;
 use evcal_geometry::board::shape::BoardShape;
+use evcal_solve::initial::InitialModel;
+use evcal_solve::solve::event_bias::unknown;
+use evcal_solve::solve::left_out::LeftOut;
+use evcal_solve::solve::refinement::{EventInput, FIRST_SIGMA, RefinementInput, SMALLEST_POINT_SIGMA};
+use evcal_solve::solve::residual_statistics::Measured;
+use evcal_solve::solve::{BOARD_PARAMETERS, State};
+use evcal_solve::trajectory::Trajectory;
+use evcal_solve::trajectory::first::first_trajectories;
 
 /// Calibrates as `task` describes, with pictures as a cross-check or as additional observations.
 ///

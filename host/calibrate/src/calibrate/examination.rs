@@ -8,17 +8,17 @@ use super::board_solve::BoardSolve;
 use super::error::CalibrateError;
 use super::health::{self, Health};
 use super::{changed, orientation, other_camera, unseen_rows, unstated_rows};
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::larger_pattern::larger_pattern;
-use crate::detection::unplaced::UnplacedWindows;
-use crate::initial::InitialModel;
-use crate::initial::model_choice::{CANDIDATES, ModelRequest, USUAL};
 use crate::quality::cross_check::CrossCheckOutcome;
 use crate::quality::verdict::{Cause, Finding, Verdict, verdict};
 use crate::quality::{EventQuality, Quality, SolveCertainty, examine};
-use crate::solve::State;
-use crate::solve::left_out::LeftOut;
-use crate::solve::refinement::Refined;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::detection::larger_pattern::larger_pattern;
+use evcal_detection::detection::unplaced::UnplacedWindows;
+use evcal_solve::initial::InitialModel;
+use evcal_solve::initial::model_choice::{CANDIDATES, ModelRequest, USUAL};
+use evcal_solve::solve::State;
+use evcal_solve::solve::left_out::LeftOut;
+use evcal_solve::solve::refinement::Refined;
 
 /// Results of the stages before the joint solve.
 pub(super) struct Seen<'a> {

@@ -8,12 +8,14 @@ use super::Task;
 use super::board_choice::larger_board;
 use super::error::CalibrateError;
 use super::progress::Progress;
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::radius::other_radius;
-use crate::initial::model_choice::{CANDIDATES, ModelChoice, ModelRequest, USUAL, USUAL_CANDIDATES, choose_model};
-use crate::initial::{InitialError, InitialModel, initial_model};
 use evcal_core::camera::ModelKind;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::detection::radius::other_radius;
 use evcal_geometry::lens::folds::folds;
+use evcal_solve::initial::model_choice::{
+    CANDIDATES, ModelChoice, ModelRequest, USUAL, USUAL_CANDIDATES, choose_model,
+};
+use evcal_solve::initial::{InitialError, InitialModel, initial_model};
 
 /// The first camera, with the poses of the frames.
 pub(super) struct FirstModel {

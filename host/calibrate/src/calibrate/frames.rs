@@ -1,9 +1,9 @@
 //! Selection of the reference frames for the joint solve, and of those that keep their events.
 
 use super::interval_choice::{ChosenSeconds, IntervalChoice, second_of};
-use crate::circles::compact_frame::CompactFrame;
-use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
-use crate::initial::InitialModel;
+use evcal_detection::circles::compact_frame::CompactFrame;
+use evcal_detection::circles::reference_frame::{ReferenceFrame, SeenIn};
+use evcal_solve::initial::InitialModel;
 
 /// All reference frames.
 pub(super) struct Frames {

@@ -1,16 +1,16 @@
 //! Findings on light, lens and pixels for the verdict.
 
 use crate::check::silent::silent_advice;
-use crate::detection::focus::EdgeWidth;
-use crate::diagnosis::bad_pixels::{BadPixels, Repetition};
-use crate::diagnosis::disorder::Disorder;
-use crate::diagnosis::double_edges::DoubleEdges;
-use crate::diagnosis::flicker::Flicker;
-use crate::diagnosis::lost_events::LostEvents;
-use crate::diagnosis::rounded::Rounded;
-use crate::diagnosis::silent_lines::SilentLines;
-use crate::diagnosis::time_steps::CoarseTimes;
 use crate::quality::verdict::{Cause, Finding, Severity};
+use evcal_detection::detection::focus::EdgeWidth;
+use evcal_detection::diagnosis::bad_pixels::{BadPixels, Repetition};
+use evcal_detection::diagnosis::disorder::Disorder;
+use evcal_detection::diagnosis::double_edges::DoubleEdges;
+use evcal_detection::diagnosis::flicker::Flicker;
+use evcal_detection::diagnosis::lost_events::LostEvents;
+use evcal_detection::diagnosis::rounded::Rounded;
+use evcal_detection::diagnosis::silent_lines::SilentLines;
+use evcal_detection::diagnosis::time_steps::CoarseTimes;
 
 /// Quality of a recording.
 #[derive(Clone, Debug, Default)]

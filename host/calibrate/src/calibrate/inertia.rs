@@ -10,7 +10,7 @@ use crate::inertial::settings::InertialSettings;
 use crate::inertial::stream::{ReadSamples, Span};
 use crate::inertial::units::MessageUnits;
 use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
-use crate::solve::fixed_intrinsics::FixedIntrinsics;
+use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use event_recordings::{Recording, ros};
 
 /// Request for the calibration of an IMU, with prior knowledge.

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
 
-use crate::circles::file::InputKind;
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::circles::serial::{SerialAddress, SerialError};
-use crate::circles::stream::{self, CircleStream};
-use crate::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
-use crate::detection::{DetectionReport, order_frames};
+use evcal_detection::circles::file::InputKind;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::circles::serial::{SerialAddress, SerialError};
+use evcal_detection::circles::stream::{self, CircleStream};
+use evcal_detection::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
+use evcal_detection::detection::{DetectionReport, order_frames};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::statistics::median;

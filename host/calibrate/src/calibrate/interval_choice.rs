@@ -16,12 +16,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::Task;
-use crate::circles::compact_frame::CompactFrame;
-use crate::circles::reference_frame::ObservedCircle;
-use crate::initial::information::{Information, ProjectionMeasure, prior, view_information};
-use crate::initial::model_choice::ModelRequest;
-use crate::initial::provisional::{provisional_camera, provisional_pose};
+use evcal_detection::circles::compact_frame::CompactFrame;
+use evcal_detection::circles::reference_frame::ObservedCircle;
 use evcal_geometry::board::Board;
+use evcal_solve::initial::information::{Information, ProjectionMeasure, prior, view_information};
+use evcal_solve::initial::model_choice::ModelRequest;
+use evcal_solve::initial::provisional::{provisional_camera, provisional_pose};
 
 /// Largest number of windows from which the provisional camera is computed.
 const VIEWS: usize = 400;
@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn only_seconds_with_the_board_count() {
-        use crate::circles::reference_frame::{ReferenceFrame, SeenIn};
+        use evcal_detection::circles::reference_frame::{ReferenceFrame, SeenIn};
         let frame = |recording: usize, t: f64| {
             let (start, end) = (t - 0.002, t + 0.002);
             let frame = ReferenceFrame { recording, start, end, circles: Vec::new(), seen_in: SeenIn::PassedEvents };

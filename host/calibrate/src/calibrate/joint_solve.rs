@@ -5,9 +5,9 @@ use super::error::CalibrateError;
 use super::progress::Progress;
 use crate::quality::uncertainty::{SolveUncertainty, uncertainty};
 use crate::settings::Settings;
-use crate::solve::State;
-use crate::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
-use crate::trajectory::first::FirstTrajectorySettings;
+use evcal_solve::solve::State;
+use evcal_solve::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
+use evcal_solve::trajectory::first::FirstTrajectorySettings;
 
 /// Returns the settings of the joint solve.
 pub(super) fn stage_settings(settings: &Settings) -> StageSettings<'_> {

@@ -7,8 +7,8 @@ use super::error::CalibrateError;
 use super::input::Input;
 use super::interval_choice::{ChosenSeconds, IntervalChoice, second_of};
 use super::progress::Progress;
-use crate::solve::event_sample::{EventSample, RankedEvent, Thinning};
-use crate::solve::refinement::{EventInput, ReadRecording};
+use evcal_solve::solve::event_sample::{EventSample, RankedEvent, Thinning};
+use evcal_solve::solve::refinement::{EventInput, ReadRecording};
 
 /// Ratio of the number of kept events to the largest number of events of the joint solve.
 const SAMPLE_TIMES: usize = 2;

@@ -4,11 +4,11 @@ use super::Task;
 use super::board_solve::{BoardSolve, solve_with_board};
 use super::error::CalibrateError;
 use super::progress::Progress;
-use crate::initial::model_choice::{ModelChoice, ModelRequest};
 use crate::quality::better_model;
 use crate::quality::misfit::refitted;
-use crate::solve::State;
-use crate::solve::refinement::RefinementInput;
+use evcal_solve::initial::model_choice::{ModelChoice, ModelRequest};
+use evcal_solve::solve::State;
+use evcal_solve::solve::refinement::RefinementInput;
 
 /// Solves from `state` on. If the user named no model and the events require another one, solves again with that model. `choice` is
 /// the choice of the model from the points, if there was one.

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use super::input::Input;
 use crate::advice::Advice;
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::initial::InitialModel;
 use crate::quality::verdict::{Cause, Finding, Severity};
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_solve::initial::InitialModel;
 
 /// Recordings with fewer reference frames are not checked.
 const FEWEST: usize = 20;

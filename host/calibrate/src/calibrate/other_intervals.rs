@@ -12,18 +12,18 @@ use super::error::CalibrateError;
 use super::joint_solve::{stage_settings, trajectory_settings};
 use super::kept_events::read_share;
 use super::progress::Progress;
-use crate::circles::compact_frame::CompactFrame;
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::initial::{InitialModel, posed_frames};
 use crate::quality::poses::{UncertainPose, sampled_poses};
 use crate::quality::uncertainty::POSE_MODEL_ERROR;
-use crate::solve::event_sample::RankedEvent;
-use crate::solve::fixed_camera::{Followed, follow};
-use crate::solve::left_out::LeftOut;
-use crate::solve::pose_covariance::PoseCovariance;
-use crate::solve::refinement::{EventInput, RefinementInput};
-use crate::solve::{BOARD_PARAMETERS, State};
-use crate::trajectory::first::first_trajectories;
+use evcal_detection::circles::compact_frame::CompactFrame;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_solve::initial::{InitialModel, posed_frames};
+use evcal_solve::solve::event_sample::RankedEvent;
+use evcal_solve::solve::fixed_camera::{Followed, follow};
+use evcal_solve::solve::left_out::LeftOut;
+use evcal_solve::solve::pose_covariance::PoseCovariance;
+use evcal_solve::solve::refinement::{EventInput, RefinementInput};
+use evcal_solve::solve::{BOARD_PARAMETERS, State};
+use evcal_solve::trajectory::first::first_trajectories;
 use event_recordings::pass::RecordingReport;
 
 /// Length of the intervals that are solved together (s).

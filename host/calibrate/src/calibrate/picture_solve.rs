@@ -9,8 +9,8 @@ use super::progress::Progress;
 use super::{PictureUse, Task};
 use crate::picture_calibration::joint::{JointPoints, JointReport};
 use crate::quality::board_evidence::BoardEstimate;
-use crate::solve::FreeParameters;
-use crate::solve::refinement::RefinementInput;
+use evcal_solve::solve::FreeParameters;
+use evcal_solve::solve::refinement::RefinementInput;
 
 /// A joint solve, with its pictures.
 pub(super) struct WithPictures {

@@ -11,10 +11,6 @@ use super::first_model::{FirstModel, model_of};
 use super::progress::Progress;
 use super::{PictureUse, Task, orientation};
 use crate::calibrate::input::Input;
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
-use crate::detection::pictures::tag_corners::TagCorners;
-use crate::initial::model_choice::{ModelChoice, ModelRequest, USUAL};
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureReport, PictureSource, calibrate_pictures,
@@ -24,7 +20,11 @@ use crate::quality::cross_check::{CrossCheckOutcome, FailedCrossCheck, NoCrossCh
 use crate::quality::examine_pictures;
 use crate::quality::uncertainty::Uncertainty;
 use crate::quality::verdict::verdict;
-use crate::solve::refinement::Refined;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
+use evcal_detection::detection::pictures::tag_corners::TagCorners;
+use evcal_solve::initial::model_choice::{ModelChoice, ModelRequest, USUAL};
+use evcal_solve::solve::refinement::Refined;
 use event_recordings::pass::RecordingReport;
 use event_recordings::pictures::TimedImage;
 

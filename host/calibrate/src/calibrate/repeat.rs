@@ -12,9 +12,9 @@ use crate::calibrate::calibrated::Calibrated;
 use crate::calibrate::error::CalibrateError;
 use crate::calibrate::input::Input;
 use crate::calibrate::{Task, calibrate};
-use crate::initial::model_choice::ModelRequest;
 use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_geometry::numerics::random::uniform_in;
+use evcal_solve::initial::model_choice::ModelRequest;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
 use event_recordings::{Recording, RecordingError};
 

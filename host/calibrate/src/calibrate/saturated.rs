@@ -1,6 +1,6 @@
 //! Intervals with a saturated readout.
 
-use crate::solve::left_out::LeftOut;
+use evcal_solve::solve::left_out::LeftOut;
 use event_recordings::pass::RecordingReport;
 
 /// Share of the recordings above which they are not excluded.

@@ -8,19 +8,19 @@ use super::input::Input;
 use super::mounted::{SecondCamera, SecondFrames};
 use super::step::Step;
 use super::{PictureUse, Task, calibrate};
-use crate::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
-use crate::initial::PosedFrame;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::error::SecondCameraError;
 use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
 use crate::second_camera::joint::Lenses;
 use crate::second_camera::{Pictures, SeparateCalibration, calibrate_pictures_against, calibrate_second};
 use crate::settings::Settings;
-use crate::solve::fixed_intrinsics::FixedIntrinsics;
-use crate::solve::residual_statistics::Measured;
+use evcal_detection::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::Symmetries;
 use evcal_geometry::lens::camera_file::CameraDescription;
+use evcal_solve::initial::PosedFrame;
+use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
+use evcal_solve::solve::residual_statistics::Measured;
 use event_recordings::images::Images;
 
 /// Calibrates the lens of another camera on the mount from its own recording, separately from the first camera. Larger

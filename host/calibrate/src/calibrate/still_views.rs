@@ -13,12 +13,12 @@ use super::input::{Input, read_events};
 use super::pictures::{SeenPictures, calibrate_seen};
 use super::progress::Progress;
 use super::{PictureUse, Task};
-use crate::detection::still_views::search::{FoundInViews, search_views};
-use crate::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillView, StillViews, duration};
-use crate::diagnosis::fingerprint::Fingerprint;
-use crate::initial::InitialSettings;
 use crate::picture_calibration::calibration::PictureSource;
 use crate::settings::Settings;
+use evcal_detection::detection::still_views::search::{FoundInViews, search_views};
+use evcal_detection::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillView, StillViews, duration};
+use evcal_detection::diagnosis::fingerprint::Fingerprint;
+use evcal_solve::initial::InitialSettings;
 
 /// Result of an attempt to calibrate from views.
 pub(super) enum AtRest {

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use evcal_core::pattern::Pattern;
 
 use crate::advice::Advice;
-use crate::circles::reference_frame::ReferenceFrame;
 use crate::quality::verdict::{Cause, Finding, Severity};
+use evcal_detection::circles::reference_frame::ReferenceFrame;
 
 /// Fewest reference frames for the check.
 const FEWEST: usize = 100;
@@ -35,7 +35,7 @@ mod tests {
     use nalgebra::Vector2;
 
     use super::*;
-    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
+    use evcal_detection::circles::reference_frame::{ObservedCircle, SeenIn};
 
     #[test]
     fn rows_that_were_never_found_are_reported() {

@@ -8,11 +8,11 @@ use evcal_core::pattern::Pattern;
 use nalgebra::{Point3, Vector2};
 
 use crate::advice::Advice;
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::detection::larger_pattern::LargerPattern;
 use crate::quality::verdict::{Cause, Finding, Severity};
-use crate::trajectory::Trajectory;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::detection::larger_pattern::LargerPattern;
 use evcal_geometry::board::CircleBoard;
+use evcal_solve::trajectory::Trajectory;
 
 /// An origin is on a circle if its distance from the circle in the image is less than this share of the distance to the
 /// circle's nearest neighbour.
@@ -93,8 +93,8 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
-    use crate::trajectory::RotationControl;
+    use evcal_detection::circles::reference_frame::{ObservedCircle, SeenIn};
+    use evcal_solve::trajectory::RotationControl;
 
     /// Returns the finding if the segments have their origins at these lattice positions of the larger board.
     fn finding_for(stated: &str, larger: &str, origins: &[(i32, i32)]) -> Finding {

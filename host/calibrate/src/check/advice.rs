@@ -3,15 +3,15 @@
 use super::silent::silent_advice;
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
-use crate::detection::exchanged::Exchanged;
-use crate::detection::still_views::FEWEST_VIEWS;
-use crate::detection::{FEWEST_EVENTS, too_short};
-use crate::diagnosis::bad_pixels::Repetition;
-use crate::diagnosis::disorder::Disorder;
-use crate::diagnosis::information::Information;
-use crate::diagnosis::rounded::Rounded;
-use crate::diagnosis::silent_lines::SilentLines;
-use crate::diagnosis::time_steps::CoarseTimes;
+use evcal_detection::detection::exchanged::Exchanged;
+use evcal_detection::detection::still_views::FEWEST_VIEWS;
+use evcal_detection::detection::{FEWEST_EVENTS, too_short};
+use evcal_detection::diagnosis::bad_pixels::Repetition;
+use evcal_detection::diagnosis::disorder::Disorder;
+use evcal_detection::diagnosis::information::Information;
+use evcal_detection::diagnosis::rounded::Rounded;
+use evcal_detection::diagnosis::silent_lines::SilentLines;
+use evcal_detection::diagnosis::time_steps::CoarseTimes;
 use event_recordings::{Recording, RecordingOptions};
 
 /// Share of events outside the sensor, or from hot pixels, from which advice is given.
@@ -186,8 +186,8 @@ mod tests {
 
     use super::*;
     use crate::check::check;
-    use crate::detection::pictures::settings::PictureSettings;
-    use crate::detection::settings::DetectionSettings;
+    use evcal_detection::detection::pictures::settings::PictureSettings;
+    use evcal_detection::detection::settings::DetectionSettings;
 
     const DAVIS: Option<Sensor> = Some(Sensor::new(346, 260));
 

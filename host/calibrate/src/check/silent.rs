@@ -1,8 +1,8 @@
 //! Advice on columns, rows and areas without events.
 
 use crate::advice::Advice;
-use crate::diagnosis::rounded::Rounded;
-use crate::diagnosis::silent_lines::SilentLines;
+use evcal_detection::diagnosis::rounded::Rounded;
+use evcal_detection::diagnosis::silent_lines::SilentLines;
 
 /// Advice on silent lines and areas.
 pub const IS_IT_BROKEN: &str = "is a region of interest set, or the sensor broken?";

@@ -8,12 +8,12 @@ use nalgebra::Isometry3;
 
 use super::comparison::TRAJECTORY_FILE;
 use super::pose_by_intrinsics::{KnownCamera, pose_by_intrinsics};
-use crate::motion_capture::error::MotionCaptureError;
-use crate::motion_capture::file::{self, CaptureFileError};
-use crate::motion_capture::intrinsics_error::IntrinsicsError;
-use crate::motion_capture::{Compared, compare};
 use evcal_geometry::lens::camera_file::camera_path;
 use evcal_geometry::tum::{self, TumError};
+use evcal_solve::motion_capture::error::MotionCaptureError;
+use evcal_solve::motion_capture::file::{self, CaptureFileError};
+use evcal_solve::motion_capture::intrinsics_error::IntrinsicsError;
+use evcal_solve::motion_capture::{Compared, compare};
 
 /// The files to compare.
 #[derive(Clone, Debug)]

@@ -1,8 +1,8 @@
 //! Errors of the calibration of an IMU.
 
 use super::csv::CsvError;
-use crate::solve::SolveError;
-use crate::trajectory::alignment::AlignmentError;
+use evcal_solve::solve::SolveError;
+use evcal_solve::trajectory::alignment::AlignmentError;
 use event_recordings::RecordingError;
 
 /// The likely unit of readings, for messages.

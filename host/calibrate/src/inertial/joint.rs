@@ -6,8 +6,8 @@ use super::parameters::InertialParameters;
 use super::prediction::{Prediction, accelerometer, gyroscope};
 use super::sample::Sample;
 use super::settings::InertialSettings;
-use crate::solve::{Problem, State};
-use crate::trajectory::Trajectory;
+use evcal_solve::solve::{Problem, State};
+use evcal_solve::trajectory::Trajectory;
 
 /// Degree of the splines.
 pub const DEGREE: usize = 5;

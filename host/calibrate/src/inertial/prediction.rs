@@ -10,7 +10,7 @@ use super::parameters::{
     COUNT, GRAVITY, GYROSCOPE_BIAS, GYROSCOPE_DELAY, GYROSCOPE_FILTER, GYROSCOPE_MATRIX, GYROSCOPE_TURN,
     InertialParameters, POSITION, ROTATION, TRIANGLE,
 };
-use crate::trajectory::{RotationControl, Trajectory};
+use evcal_solve::trajectory::{RotationControl, Trajectory};
 
 /// Half the time over which rates and readings are differentiated (s): far below the knot spacing.
 const STEP: f64 = 3e-4;

@@ -7,12 +7,12 @@ use super::joint::{Estimate, Joint, ORDER, Residual, SENSORS, Sensor};
 use super::parameters::COUNT;
 use super::prediction::Prediction;
 use super::sample::Sample;
-use crate::solve::band::Band;
-use crate::solve::loss::Loss;
-use crate::solve::normal::Equations;
-use crate::trajectory::{CONTROL_POINT_PARAMETERS as POINT, Trajectory};
 use evcal_core::spline::Knots;
 use evcal_geometry::numerics::huber::huber;
+use evcal_solve::solve::band::Band;
+use evcal_solve::solve::loss::Loss;
+use evcal_solve::solve::normal::Equations;
+use evcal_solve::trajectory::{CONTROL_POINT_PARAMETERS as POINT, Trajectory};
 
 /// Residual from which a sample counts linearly, in σ.
 const HUBER: f64 = 3.0;

@@ -16,15 +16,15 @@ use super::parameters::{COUNT, InertialParameters};
 use super::priors::priors;
 use super::sample::Sample;
 use super::sample_rows::{residuals, sample_pieces};
-use crate::solve::SolveError;
-use crate::solve::border::Columns;
-use crate::solve::levenberg::{self, OF_MOUNTED, after, minimise, pieces};
-use crate::solve::normal::Equations;
-use crate::solve::system::{Step, System};
-use crate::trajectory::fit::fit_on_knots;
-use crate::trajectory::{RotationSpline, Trajectory};
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::timed_pose::TimedPose;
+use evcal_solve::solve::SolveError;
+use evcal_solve::solve::border::Columns;
+use evcal_solve::solve::levenberg::{self, OF_MOUNTED, after, minimise, pieces};
+use evcal_solve::solve::normal::Equations;
+use evcal_solve::solve::system::{Step, System};
+use evcal_solve::trajectory::fit::fit_on_knots;
+use evcal_solve::trajectory::{RotationSpline, Trajectory};
 
 /// Time at the ends of a trajectory whose samples are excluded (s).
 const MARGIN: f64 = 0.02;

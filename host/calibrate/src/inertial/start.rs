@@ -13,11 +13,11 @@ use super::error::{IN_ANOTHER, IN_DEGREES, IN_RADIANS, InertialError};
 use super::parameters::InertialParameters;
 use super::prediction::Motion;
 use super::sample::Sample;
-use crate::trajectory::Trajectory;
-use crate::trajectory::alignment::{
+use evcal_geometry::numerics::statistics::median;
+use evcal_solve::trajectory::Trajectory;
+use evcal_solve::trajectory::alignment::{
     AlignmentError, ComparedTurns, LEAST_RATE, Offset, Overlap, Series, Turns, check_axes, offset,
 };
-use evcal_geometry::numerics::statistics::median;
 
 /// Step of the grid on which rates are compared (s).
 const STEP: f64 = 5e-3;

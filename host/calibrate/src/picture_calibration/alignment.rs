@@ -10,12 +10,12 @@ use std::fmt;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::circles::reference_frame::ReferenceFrame;
-use crate::trajectory::alignment::MISTAKEN_RATES;
 use evcal_core::sensor::Sensor;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::huber::huber_weight;
 use evcal_geometry::numerics::statistics::median;
+use evcal_solve::trajectory::alignment::MISTAKEN_RATES;
 
 /// Fewest frames for the check.
 const FEWEST: usize = 6;
@@ -542,7 +542,7 @@ fn turns(board: &Board) -> Vec<Vec<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::circles::reference_frame::{ObservedCircle, SeenIn};
+    use evcal_detection::circles::reference_frame::{ObservedCircle, SeenIn};
 
     const SENSOR: Sensor = Sensor::new(346, 260);
 

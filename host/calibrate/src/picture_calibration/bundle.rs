@@ -14,12 +14,12 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{DMatrix, DVector, Isometry3, Vector2};
 
 use super::circle_image::{CircleImage, circle_image_center};
-use crate::initial::bundle_adjustment::{Equations, Estimate, ImagePoint, ReprojectionResidual, Target, View};
 use evcal_geometry::lens::distortion_prior::distortion_prior;
 use evcal_geometry::lens::fixed::with_fixed;
 use evcal_geometry::numerics::arrow::unit_diagonal;
 use evcal_geometry::numerics::levenberg_marquardt::Costed;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+use evcal_solve::initial::bundle_adjustment::{Equations, Estimate, ImagePoint, ReprojectionResidual, Target, View};
 
 /// A dot: its circle on the board and its centre of area in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]

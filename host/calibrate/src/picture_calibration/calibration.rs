@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 
 use super::bundle::{PictureBundle, PictureView, SeenDot, picture_bundle};
 use super::circle_image::center_bias;
-use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::detection::no_board::NoBoard;
-use crate::detection::pictures::search::PictureSearchReport;
-use crate::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
-use crate::solve::residual_statistics::Measured;
-use crate::solve::residual_statistics::ResidualStatistics;
+use evcal_detection::circles::reference_frame::{ObservedCircle, ReferenceFrame};
+use evcal_detection::detection::no_board::NoBoard;
+use evcal_detection::detection::pictures::search::PictureSearchReport;
 use evcal_geometry::board::Board;
+use evcal_solve::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
+use evcal_solve::solve::residual_statistics::Measured;
+use evcal_solve::solve::residual_statistics::ResidualStatistics;
 
 /// Distance from which a centre counts linearly instead of squared, in units of the centres' spread (σ).
 pub(super) const HUBER: f64 = 2.5;

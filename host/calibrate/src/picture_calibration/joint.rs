@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 
 use super::calibration::{HUBER, PictureCalibration};
 use super::circle_image::{center_bias, circle_image_center};
-use crate::circles::reference_frame::PointObservation;
-use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
-use crate::solve::State;
-use crate::trajectory::Trajectory;
+use evcal_detection::circles::reference_frame::PointObservation;
+use evcal_detection::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::{CircleArea, Surface};
 use evcal_geometry::numerics::huber::huber_weight;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
+use evcal_solve::solve::State;
+use evcal_solve::trajectory::Trajectory;
 
 /// Statistics of the pictures in a joint solve.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

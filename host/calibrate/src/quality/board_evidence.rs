@@ -10,12 +10,12 @@ use evcal_core::camera::Camera;
 use evcal_core::settings;
 use serde::{Deserialize, Serialize};
 
-use crate::solve::event_bias::bias::Bias;
-use crate::solve::refinement::Refined;
-use crate::solve::system::Contribution;
-use crate::solve::{BOARD_INDEX, FreeParameters, Problem, State};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
+use evcal_solve::solve::event_bias::bias::Bias;
+use evcal_solve::solve::refinement::Refined;
+use evcal_solve::solve::system::Contribution;
+use evcal_solve::solve::{BOARD_INDEX, FreeParameters, Problem, State};
 
 settings! {
     /// Estimation of the board's shape.

@@ -5,9 +5,9 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use crate::solve::{Problem, State};
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::statistics::quantile;
+use evcal_solve::solve::{Problem, State};
 
 /// Columns and rows of the cells of the sensor.
 pub const CELLS: (usize, usize) = (12, 9);

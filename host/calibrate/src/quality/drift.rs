@@ -18,10 +18,10 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::uncertainty::blocks::{limited_step, scatter};
-use crate::solve::system::{Contribution, PackedContribution};
-use crate::solve::{BOARD_INDEX, GLOBAL_COUNT};
 use evcal_geometry::lens::projection_difference::grid;
 use evcal_geometry::lens::projection_sensitivity::projection_sensitivity;
+use evcal_solve::solve::system::{Contribution, PackedContribution};
+use evcal_solve::solve::{BOARD_INDEX, GLOBAL_COUNT};
 
 /// Length of a block (s). Moments of a change are searched between blocks.
 const BLOCK: f64 = 0.25;
@@ -93,7 +93,7 @@ pub struct Interval {
     pub start: f64,
     /// Second derivative of the loss as a share of the information, which counts outliers by their weight ([`Loss::curvature`]).
     ///
-    /// [`Loss::curvature`]: crate::solve::loss::Loss::curvature
+    /// [`Loss::curvature`]: evcal_solve::solve::loss::Loss::curvature
     pub curvature: f64,
 }
 
@@ -172,7 +172,7 @@ fn of_camera(step: &DVector<f64>, camera: &Camera<f64>, free: &[bool; GLOBAL_COU
 
 /// Returns the number of `free` parameters that are intrinsics or the board's, which come first.
 fn first_count(free: &[bool; GLOBAL_COUNT]) -> usize {
-    free.iter().take(BOARD_INDEX + crate::solve::BOARD_PARAMETERS).filter(|&&free| free).count()
+    free.iter().take(BOARD_INDEX + evcal_solve::solve::BOARD_PARAMETERS).filter(|&&free| free).count()
 }
 
 /// Returns the direction of each change in the space of the `free` parameters; zero if it is not possible.

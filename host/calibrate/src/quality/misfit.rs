@@ -18,11 +18,11 @@ use nalgebra::DMatrix;
 use crate::quality::residual_map::ResidualPattern;
 use crate::quality::uncertainty::Uncertainty;
 use crate::quality::uncertainty::projection::ProjectionUncertainty;
-use crate::solve::levenberg::solve;
-use crate::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
 use evcal_geometry::board::shape::BoardShape;
 use evcal_geometry::lens::folds::folds;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
+use evcal_solve::solve::levenberg::solve;
+use evcal_solve::solve::{BOARD_PARAMETERS, FreeParameters, Problem, State};
 
 /// Models to try, first those that OpenCV and ROS support.
 const CANDIDATES: [ModelKind; 6] = [

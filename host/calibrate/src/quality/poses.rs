@@ -6,10 +6,10 @@ use evcal_core::settings;
 use evcal_core::settings::above;
 use serde::{Deserialize, Serialize};
 
-use crate::solve::State;
-use crate::solve::left_out::{LeftOut, covers};
-use crate::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_geometry::timed_pose::TimedPose;
+use evcal_solve::solve::State;
+use evcal_solve::solve::left_out::{LeftOut, covers};
+use evcal_solve::solve::pose_covariance::{PoseCovariance, PoseSigma};
 
 settings! {
     /// Selection of the poses that are written.

@@ -15,10 +15,10 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
-use crate::solve::observation_range::{EventResidual, PointResidual, point_residuals};
-use crate::solve::{Problem, State};
 use evcal_geometry::numerics::huber::huber;
+use evcal_solve::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
+use evcal_solve::solve::observation_range::{EventResidual, PointResidual, point_residuals};
+use evcal_solve::solve::{Problem, State};
 
 /// Number of columns of cells; the number of rows follows, so that the cells are nearly square.
 const COLUMNS: usize = 16;

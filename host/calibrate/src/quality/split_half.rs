@@ -13,18 +13,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::quality::uncertainty::parts::CovarianceParts;
 use crate::quality::uncertainty::projection::projection_uncertainty;
-use crate::solve::border::Columns;
-use crate::solve::half::{Half, SolvedHalf};
-use crate::solve::lens_step::{observed_pixels, stepped};
-use crate::solve::levenberg::intrinsics_of;
-use crate::solve::normal::Equations;
-use crate::solve::observation::SegmentObservations;
-use crate::solve::observation_range::{EventResidual, ObservationRange, point_residuals};
-use crate::solve::stiffness::Stiffness;
-use crate::solve::system::TrajectoryPriors;
-use crate::solve::{GLOBAL_COUNT, Problem, State};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
+use evcal_solve::solve::border::Columns;
+use evcal_solve::solve::half::{Half, SolvedHalf};
+use evcal_solve::solve::lens_step::{observed_pixels, stepped};
+use evcal_solve::solve::levenberg::intrinsics_of;
+use evcal_solve::solve::normal::Equations;
+use evcal_solve::solve::observation::SegmentObservations;
+use evcal_solve::solve::observation_range::{EventResidual, ObservationRange, point_residuals};
+use evcal_solve::solve::stiffness::Stiffness;
+use evcal_solve::solve::system::TrajectoryPriors;
+use evcal_solve::solve::{GLOBAL_COUNT, Problem, State};
 
 /// Length of a slice of time (s); even slices form one half, odd ones the other.
 const SLICE: f64 = 0.5;
@@ -240,7 +240,7 @@ fn scale_by_scatter(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::observation::EventBin;
+    use evcal_solve::solve::observation::EventBin;
 
     #[test]
     fn no_slice_is_in_two_groups() {

@@ -8,9 +8,6 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::advice::Wording;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::calibrate::interval_choice::IntervalChoice;
-use crate::detection::DetectionReport;
-use crate::initial::InitialReport;
-use crate::initial::model_choice::ModelChoice;
 use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
 use crate::picture_calibration::joint::JointReport;
 use crate::quality::coverage::Coverage;
@@ -26,17 +23,20 @@ use crate::quality::{EventQuality, ObservedRadius, Quality};
 use crate::result::inertial_result::InertialResult;
 use crate::result::printed_board::PrintedBoard;
 use crate::result::second_camera_result::SecondCameraResult;
-use crate::solve::burst::BurstLength;
-use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
-use crate::solve::refinement::RoundReport;
-use crate::solve::residual_statistics::Measured;
-use crate::solve::residual_statistics::ResidualStatistics;
-use crate::trajectory::segment::SegmentReport;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
+use evcal_detection::detection::DetectionReport;
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::camera_file::{CameraDescription, LATEST_VERSION, Parameters};
+use evcal_solve::initial::InitialReport;
+use evcal_solve::initial::model_choice::ModelChoice;
+use evcal_solve::solve::burst::BurstLength;
+use evcal_solve::solve::event_bias::bias::{Bias, Biases};
+use evcal_solve::solve::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
+use evcal_solve::solve::refinement::RoundReport;
+use evcal_solve::solve::residual_statistics::Measured;
+use evcal_solve::solve::residual_statistics::ResidualStatistics;
+use evcal_solve::trajectory::segment::SegmentReport;
 use event_recordings::pass::RecordingReport;
 
 /// Value of `format` in every calibration file.
@@ -487,7 +487,7 @@ impl SegmentSummary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::event_bias::{CLASS_COUNT, unknown};
+    use evcal_solve::solve::event_bias::{CLASS_COUNT, unknown};
 
     #[test]
     fn each_bias_of_a_class_is_written_and_read_under_its_name() {

@@ -2,14 +2,14 @@
 
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::calibrate::interval_choice::IntervalChoice;
-use crate::detection::DetectionReport;
-use crate::detection::counted::counted;
-use crate::initial::InitialReport;
 use crate::picture_calibration::calibration::{PictureCalibration, PictureReport, PictureSource};
 use crate::picture_calibration::joint::JointReport;
 use crate::quality::cross_check::{Comparison, CrossCheckOutcome};
-use crate::solve::refinement::RoundReport;
-use crate::solve::residual_statistics::Measured;
+use evcal_detection::detection::DetectionReport;
+use evcal_detection::detection::counted::counted;
+use evcal_solve::initial::InitialReport;
+use evcal_solve::solve::refinement::RoundReport;
+use evcal_solve::solve::residual_statistics::Measured;
 
 /// Report of one stage.
 #[derive(Clone, Debug, PartialEq, Eq)]

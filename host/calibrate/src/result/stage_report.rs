@@ -6,7 +6,7 @@ use super::stage_lines::{Amount, StageLine, stage_lines};
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::picture_calibration::calibration::PictureSource;
 use crate::quality::cross_check::{Comparison, CrossCheckOutcome};
-use crate::solve::residual_statistics::Measured;
+use evcal_solve::solve::residual_statistics::Measured;
 use event_recordings::pass::RecordingReport;
 
 /// Width of the column of stage names.

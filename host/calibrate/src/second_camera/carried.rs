@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::mount::{LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
-use crate::solve::pose_bin::PoseBin;
+use evcal_solve::solve::pose_bin::PoseBin;
 
 /// Number of parameters of a pose: rotation (camera frame), then translation (world).
 pub const POSE: usize = 6;
@@ -66,29 +66,25 @@ impl Carried {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion};
+    use evcal_solve::trajectory::Trajectory;
+    use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
     use super::*;
-    use crate::solve::pose_bin::tests::moving_at;
+    use crate::second_camera::start::tests::{first_pose, fitted_to};
 
     const STEP: f64 = 1e-6;
     const T: f64 = 3.2;
     const ROWS: f64 = 0.7;
 
-    fn first_bin() -> PoseBin {
-        moving_at(first().rotation.to_rotation_matrix(), first().translation.vector)
+    /// The first camera, around the time of its clock that corresponds to `T`.
+    fn trajectory() -> Trajectory {
+        fitted_to(|t| first_pose(t, 1.0), 2.0..3.5)
     }
 
-    fn first() -> Isometry3<f64> {
-        Isometry3::new(Vector3::new(0.2, 0.4, -0.7), Vector3::new(0.25, -0.3, 0.8))
-    }
-
-    /// Pose of a camera that rotates and moves like `bin`.
-    fn first_at(dt: f64) -> Isometry3<f64> {
-        let bin = first_bin();
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::from(bin.angular_velocity) * dt);
-        let place = first().translation.vector + Vector3::from(bin.linear_velocity) * dt;
-        Isometry3::from_parts(Translation3::from(place), first().rotation * turn)
+    /// The pose of the second camera at `T`.
+    fn carried(trajectory: &Trajectory) -> Carried {
+        let first = PoseBin::new(trajectory, mount().first_time(T)).unwrap();
+        Carried::new(&first, &mount(), T, ROWS)
     }
 
     fn mount() -> Mount {
@@ -102,8 +98,9 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_central_differences() {
-        let carried = Carried::new(&first_bin(), &mount(), T, ROWS);
-        let at = second(&first(), &mount());
+        let trajectory = trajectory();
+        let carried = carried(&trajectory);
+        let at = second(&trajectory.pose(mount().first_time(T)).unwrap(), &mount());
         assert!((carried.pose.translation_vector() - at.translation.vector).norm() < 1e-12);
         assert!((carried.pose.rotation_matrix() - at.rotation.to_rotation_matrix().matrix()).norm() < 1e-12);
         let moved = |cause: usize, step: f64| {
@@ -113,7 +110,7 @@ mod tests {
             let mount_moved = mount().moved(&delta[POSE..]);
             // If the clock changes, the first camera has another pose.
             let stamp = T - mount().line_delay.unwrap() * ROWS;
-            let first = first_at(mount_moved.first_time(mount_moved.row_time(stamp, ROWS)) - mount().first_time(T));
+            let first = trajectory.pose(mount_moved.first_time(mount_moved.row_time(stamp, ROWS))).unwrap();
             let first = Isometry3::from_parts(
                 Translation3::from(first.translation.vector + shift),
                 first.rotation * UnitQuaternion::from_scaled_axis(turn),
@@ -132,14 +129,14 @@ mod tests {
 
     #[test]
     fn the_velocity_of_the_second_camera_agrees_with_its_poses() {
-        let carried = Carried::new(&first_bin(), &mount(), T, ROWS);
-        let at = |t: f64| second(&first_at(mount().first_time(t) - mount().first_time(T)), &mount());
+        let trajectory = trajectory();
+        let carried = carried(&trajectory);
+        let at = |t: f64| second(&trajectory.pose(mount().first_time(t)).unwrap(), &mount());
         let (after, before) = (at(T + STEP), at(T - STEP));
         let turn = (before.rotation.inverse() * after.rotation).scaled_axis() / (2.0 * STEP);
         let shift = (after.translation.vector - before.translation.vector) / (2.0 * STEP);
         assert!((Vector3::from(carried.pose.angular_velocity) - turn).norm() < 1e-6);
         assert!((Vector3::from(carried.pose.linear_velocity) - shift).norm() < 1e-6);
-        let expected = Rotation3::from_matrix_unchecked(carried.pose.rotation_matrix());
-        assert!(at(T).rotation.to_rotation_matrix().angle_to(&expected) < 1e-7);
+        assert!((carried.pose.rotation_matrix() - at(T).rotation.to_rotation_matrix().matrix()).norm() < 1e-12);
     }
 }

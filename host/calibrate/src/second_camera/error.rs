@@ -1,7 +1,7 @@
 //! Errors of the calibration of a second camera.
 
-use crate::solve::SolveError;
-use crate::trajectory::alignment::AlignmentError;
+use evcal_solve::solve::SolveError;
+use evcal_solve::trajectory::alignment::AlignmentError;
 
 /// Reasons why a second camera cannot be calibrated against the first, with remedies.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

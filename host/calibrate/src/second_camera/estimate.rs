@@ -1,7 +1,7 @@
 //! Unknowns of the solve of two cameras and their mount.
 
 use super::mount::Mount;
-use crate::solve::State;
+use evcal_solve::solve::State;
 
 /// The parameters of both cameras and of the mount.
 #[derive(Clone, Debug)]

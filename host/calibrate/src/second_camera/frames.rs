@@ -18,11 +18,11 @@ use super::{
     Known, SeparateCalibration, add_scale_error, determined, finish, problem_of_points, seen_by_both, start,
     with_board_fixed, with_fixed_lenses,
 };
-use crate::circles::reference_frame::PointObservation;
-use crate::solve::State;
-use crate::solve::observation::SegmentObservations;
-use crate::trajectory::mean_distance;
+use evcal_detection::circles::reference_frame::PointObservation;
 use evcal_geometry::board::symmetry::Symmetries;
+use evcal_solve::solve::State;
+use evcal_solve::solve::observation::SegmentObservations;
+use evcal_solve::trajectory::mean_distance;
 
 /// Number of σ from which a line delay is significant.
 const CERTAIN: f64 = 3.0;

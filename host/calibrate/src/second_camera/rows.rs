@@ -4,14 +4,14 @@
 use super::carried::Carried;
 use super::estimate::Estimate;
 use super::seen::sample_at;
-use crate::solve::band::Band;
-use crate::solve::bearing_table::BearingTable;
-use crate::solve::border::Columns;
-use crate::solve::normal::Equations;
-use crate::solve::observation_range::{BinSums, ObservationRange};
-use crate::solve::pose_bin::PoseBin;
-use crate::solve::pose_products::PoseProducts;
-use crate::solve::{Problem, SolveError};
+use evcal_solve::solve::band::Band;
+use evcal_solve::solve::bearing_table::BearingTable;
+use evcal_solve::solve::border::Columns;
+use evcal_solve::solve::normal::Equations;
+use evcal_solve::solve::observation_range::{BinSums, ObservationRange};
+use evcal_solve::solve::pose_bin::PoseBin;
+use evcal_solve::solve::pose_products::PoseProducts;
+use evcal_solve::solve::{Problem, SolveError};
 
 /// A bin or a circle centre, by its index, with both poses.
 struct Moment {

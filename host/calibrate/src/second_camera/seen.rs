@@ -2,10 +2,10 @@
 
 use nalgebra::{Isometry3, Translation3};
 
-use crate::trajectory::alignment::Rates;
-use crate::trajectory::{PoseSample, Trajectory};
 use evcal_geometry::board::symmetry::Reflection;
 use evcal_geometry::numerics::statistics::median;
+use evcal_solve::trajectory::alignment::Rates;
+use evcal_solve::trajectory::{PoseSample, Trajectory};
 
 /// Step of the grid on which rotation rates are compared (s).
 const STEP: f64 = 0.005;

@@ -16,12 +16,12 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternio
 use super::error::SecondCameraError;
 use super::mount::{COUNT, Mount, OFFSET, RATE, RATE_SIGMA, ROTATION, TRANSLATION};
 use super::seen::{Seen, SeenPose, inner_sample, pose_of, rates};
-use crate::trajectory::Trajectory;
-use crate::trajectory::alignment::{AlignmentError, Offset, Overlap, ambiguous, offsets};
 use evcal_geometry::board::symmetry::{Symmetries, Symmetry};
 use evcal_geometry::numerics::rigid::best_rotation;
 use evcal_geometry::numerics::statistics::median;
 use evcal_geometry::timed_pose::TimedPose;
+use evcal_solve::trajectory::Trajectory;
+use evcal_solve::trajectory::alignment::{AlignmentError, Offset, Overlap, ambiguous, offsets};
 
 /// Fewest seconds with the board in view of both cameras.
 pub const FEWEST_SECONDS: f64 = 2.0;
@@ -282,4 +282,4 @@ fn fixed(first: &[Trajectory], seen: &[TimedPose], mount: &Mount, loose: [f64; 2
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

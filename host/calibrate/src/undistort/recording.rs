@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::picture::{PictureError, undistort_frame, write_frame};
 use super::sub_pixel::{SubPixelFormat, SubPixelWriter};
 use super::{PixelMap, TooLarge, check_size};
-use crate::circles::file::{EventsError, open_events};
+use evcal_detection::circles::file::{EventsError, open_events};
 use evcal_files::FileError;
 use evcal_files::folder::NamesFile;
 use evcal_geometry::lens::camera_file::{CameraDescription, CameraFile};

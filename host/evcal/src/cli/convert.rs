@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use evcal_calibrate::circles::file::open_events;
+use evcal_detection::circles::file::open_events;
 use evcal_files::is_stream;
 use evcal_files::visible;
 use event_recordings::convert::{ConvertError, TimeOrigin, convert, output_of};

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use super::settings::read_settings;
 use evcal_calibrate::calibrate::board_choice::recognise_board;
-use evcal_calibrate::circles::file::{InputKind, open_events};
-use evcal_calibrate::circles::serial::SerialAddress;
-use evcal_calibrate::circles::stream::{self, CircleStream};
-use evcal_calibrate::detection::recognised::Recognised;
-use evcal_calibrate::detection::search::{
+use evcal_core::circle::Extraction;
+use evcal_detection::circles::file::{InputKind, open_events};
+use evcal_detection::circles::serial::SerialAddress;
+use evcal_detection::circles::stream::{self, CircleStream};
+use evcal_detection::detection::recognised::Recognised;
+use evcal_detection::detection::search::{
     FoundCircles, SearchFor, search_events_with_progress, search_stream, sensor_of,
 };
-use evcal_calibrate::detection::settings::DetectionSettings;
-use evcal_core::circle::Extraction;
+use evcal_detection::detection::settings::DetectionSettings;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_report::report::drawing::circle_picture;
 use event_recordings::Recording;

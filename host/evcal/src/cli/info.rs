@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use evcal_calibrate::advice::Advice;
 use evcal_calibrate::check::units::unusual_unit;
-use evcal_calibrate::circles::file::open_events;
-use evcal_calibrate::diagnosis::information;
+use evcal_detection::circles::file::open_events;
+use evcal_detection::diagnosis::information;
 
 use super::advice::calibrate::worded;
 use super::advice::with_advice;

@@ -13,8 +13,8 @@ use std::error::Error;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-use evcal_calibrate::circles::file::open_events;
 use evcal_calibrate::settings::Settings;
+use evcal_detection::circles::file::open_events;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
 use evcal_live::page::view::Context;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use evcal_calibrate::calibrate::repeat::{RepeatSettings, Repetition, Run, repeat};
 use evcal_calibrate::calibrate::{PictureUse, Task};
-use evcal_calibrate::circles::file::open_events;
+use evcal_detection::circles::file::open_events;
 
 use super::calibrate::MethodArguments;
 use super::progress::Waiting;

@@ -3,8 +3,8 @@
 use std::error::Error;
 use std::path::Path;
 
-use evcal_calibrate::detection::settings::Grid;
 use evcal_calibrate::settings::Settings;
+use evcal_detection::detection::settings::Grid;
 
 use super::UsageError;
 

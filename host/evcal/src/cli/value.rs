@@ -7,9 +7,9 @@ use std::str::FromStr;
 
 use clap::builder::{PathBufValueParser, PossibleValue, PossibleValuesParser, StringValueParser, TypedValueParser};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_core::camera::ModelKind;
 use evcal_core::sensor::Sensor;
+use evcal_solve::initial::model_choice::ModelRequest;
 use event_recordings::MAX_SENSOR_SIZE;
 
 /// Names of camera models in other programs, with the corresponding model.

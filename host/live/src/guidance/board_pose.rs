@@ -8,9 +8,9 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use evcal_calibrate::initial::information::{Information, view_information};
 use evcal_geometry::board::{Board, SquareBoard};
 use evcal_geometry::numerics::random::normal;
+use evcal_solve::initial::information::{Information, view_information};
 
 /// Apparent sizes of the board: ratio of its longer side to the sensor's shorter side.
 const SIZES: [f64; 5] = [0.47, 0.62, 0.8, 1.0, 1.24];

@@ -9,10 +9,10 @@ use super::hint::{Hint, Seen, choose, errors, half_turn};
 use super::*;
 use crate::coverage::BOARDS;
 use crate::{LiveCoverage, Tilt};
-use evcal_calibrate::circles::reference_frame::SeenIn;
-use evcal_calibrate::initial::information::{ProjectionMeasure, prior, view_information};
 use evcal_calibrate::settings::LiveSettings;
+use evcal_detection::circles::reference_frame::SeenIn;
 use evcal_geometry::numerics::random::{normal, uniform_in};
+use evcal_solve::initial::information::{ProjectionMeasure, prior, view_information};
 
 const SENSOR: Sensor = Sensor::new(346, 260);
 const LENS: [f64; 9] = [330.0, 330.0, 172.0, 131.0, -0.35, 0.15, 0.0005, -0.0005, -0.03];

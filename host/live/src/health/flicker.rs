@@ -2,7 +2,7 @@
 
 use evcal_core::event::Event;
 
-use evcal_calibrate::diagnosis::flicker::{Flicker, RateBins};
+use evcal_detection::diagnosis::flicker::{Flicker, RateBins};
 
 /// Length of the periods, each of which is analysed as a whole (µs).
 const PERIOD: i64 = 3_000_000;

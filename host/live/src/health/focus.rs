@@ -4,8 +4,8 @@
 
 use std::collections::VecDeque;
 
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
-use evcal_calibrate::detection::focus::band_width;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::detection::focus::band_width;
 
 /// Time between two measured windows (s).
 const INTERVAL: f64 = 0.1;
@@ -54,8 +54,8 @@ mod tests {
     use nalgebra::Vector2;
 
     use super::*;
-    use evcal_calibrate::circles::event_pixel::EventPixel;
-    use evcal_calibrate::circles::reference_frame::{ObservedCircle, SeenIn};
+    use evcal_detection::circles::event_pixel::EventPixel;
+    use evcal_detection::circles::reference_frame::{ObservedCircle, SeenIn};
 
     /// Returns a frame with one circle whose pixels lie up to `half` px on both sides of its rim.
     fn frame(t: f64, half: f64) -> ReferenceFrame {

@@ -1,16 +1,16 @@
 //! Comparison of the native start and native poses with OpenCV's.
 
-#[path = "../../../calibrate/src/initial/tests/scene.rs"]
+#[path = "../../../solve/src/initial/tests/scene.rs"]
 mod scene;
 
-use evcal_calibrate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
-use evcal_calibrate::initial::{
-    InitialModel, InitialSettings, NativeStart, PlanePoint, PosedFrame, ProjectedCircle, Start, initial_model,
-};
 use evcal_core::camera::ModelKind;
 use evcal_core::camera::refit::difference;
+use evcal_detection::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn};
 use evcal_geometry::board::Board;
 use evcal_opencv::Opencv;
+use evcal_solve::initial::{
+    InitialModel, InitialSettings, NativeStart, PlanePoint, PosedFrame, ProjectedCircle, Start, initial_model,
+};
 use nalgebra::{Point3, Vector2};
 
 use scene::{Fault, SENSOR, Scene, board};

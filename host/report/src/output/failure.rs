@@ -10,8 +10,8 @@ use crate::report::drawing::circle_picture;
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::error::CalibrateError;
 use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::detection::DetectionReport;
-use evcal_calibrate::detection::search::{FoundCircles, SearchFor, search_events, sensor_of};
+use evcal_detection::detection::DetectionReport;
+use evcal_detection::detection::search::{FoundCircles, SearchFor, search_events, sensor_of};
 use evcal_files::FileError;
 
 /// File with the text.

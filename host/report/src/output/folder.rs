@@ -13,21 +13,21 @@ use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::step::Step;
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
-use evcal_calibrate::circles::track;
 use evcal_calibrate::export::content::ExportFormat;
 use evcal_calibrate::export::{inertial, kalibr, opencv, ros, second_camera};
-use evcal_calibrate::initial::PosedFrame;
 use evcal_calibrate::picture_calibration::calibration::PictureSource;
 use evcal_calibrate::quality::poses::{PoseSettings, UncertainPose, csv, determined, sampled_poses};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::{CalibrationFile, InputFile};
 use evcal_calibrate::result::stage_report::stage_report;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::circles::track;
 use evcal_files::FileError;
 use evcal_files::folder::{FolderError, OutputFolder};
 use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
+use evcal_solve::initial::PosedFrame;
 use event_recordings::RecordingError;
 
 /// Subfolder with the files for other programs.

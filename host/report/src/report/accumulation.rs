@@ -10,16 +10,16 @@ use super::page::Section;
 use crate::report::drawing::{OFF, ON, Picture};
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration};
-use evcal_calibrate::solve::bearing_table::BearingTable;
-use evcal_calibrate::solve::board_ray::{BoardRay, is_in_front};
-use evcal_calibrate::solve::board_surface::{BoardGround, BoardSurface};
-use evcal_calibrate::solve::event_sample::{RankedEvent, Run};
-use evcal_calibrate::solve::pose_bin::PoseBin;
-use evcal_calibrate::solve::residual_statistics::Measured;
-use evcal_calibrate::trajectory::Trajectory;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
+use evcal_solve::solve::bearing_table::BearingTable;
+use evcal_solve::solve::board_ray::{BoardRay, is_in_front};
+use evcal_solve::solve::board_surface::{BoardGround, BoardSurface};
+use evcal_solve::solve::event_sample::{RankedEvent, Run};
+use evcal_solve::solve::pose_bin::PoseBin;
+use evcal_solve::solve::residual_statistics::Measured;
+use evcal_solve::trajectory::Trajectory;
 
 /// Columns of the picture of the board: its pixels are smaller than sensor pixels.
 const BOARD_COLUMNS: u16 = 800;

@@ -10,9 +10,9 @@ use evcal_core::event::Polarity;
 use nalgebra::{Isometry3, Point3, Vector2};
 use rayon::prelude::*;
 
-use evcal_calibrate::circles::event_pixel::EventPixel;
-use evcal_calibrate::circles::reference_frame::{ReferenceFrame, SeenIn};
-use evcal_calibrate::detection::search::WindowContent;
+use evcal_detection::circles::event_pixel::EventPixel;
+use evcal_detection::circles::reference_frame::{ReferenceFrame, SeenIn};
+use evcal_detection::detection::search::WindowContent;
 use evcal_files::FileError;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::GreyImage;

@@ -11,9 +11,9 @@ use super::page::Section;
 use super::rectification::{distorted, ideal_camera, projected};
 use crate::report::drawing::{BEYOND, OFF, ON, Picture, WHITE};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::circles::reference_frame::{ReferenceFrame, SeenIn};
-use evcal_calibrate::initial::PosedFrame;
+use evcal_detection::circles::reference_frame::{ReferenceFrame, SeenIn};
 use evcal_geometry::board::Board;
+use evcal_solve::initial::PosedFrame;
 
 /// Width limit of a picture in its own pixels, for the size of the file.
 const WIDEST: u16 = 800;

@@ -9,11 +9,11 @@ use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::{distortion, to_copy};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::initial::model_choice::{ModelChoice, WIDELY_SUPPORTED};
 use evcal_calibrate::quality::board_evidence::BoardEstimate;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::PARAMETERS;
+use evcal_solve::initial::model_choice::{ModelChoice, WIDELY_SUPPORTED};
 
 /// Returns the parameters with their standard deviations; the model comparison, the board, correlations and texts to copy are folded.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {

@@ -10,8 +10,8 @@ use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::quality::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts};
-use evcal_calibrate::solve::residual_statistics::Measured;
 use evcal_core::sensor::Sensor;
+use evcal_solve::solve::residual_statistics::Measured;
 
 /// Returns the title of the page.
 pub fn title(calibrated: &Calibrated) -> String {

@@ -12,7 +12,7 @@ use crate::report::drawing::{BEYOND, Picture};
 use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::circles::reference_frame::ReferenceFrame;
+use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use event_recordings::pictures::{GreyImage, TimedImage};
 

@@ -9,11 +9,11 @@ use super::palette::Palette;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use evcal_calibrate::quality::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
 use evcal_calibrate::quality::residual_map::{ResidualMap, ResidualPattern};
-use evcal_calibrate::solve::burst::{BurstLength, RANK_COUNT};
-use evcal_calibrate::solve::event_bias::bias::Bias;
-use evcal_calibrate::solve::event_bias::{CLASS_COUNT, EventKind};
-use evcal_calibrate::solve::residual_statistics::Measured;
 use evcal_core::event::Polarity;
+use evcal_solve::solve::burst::{BurstLength, RANK_COUNT};
+use evcal_solve::solve::event_bias::bias::Bias;
+use evcal_solve::solve::event_bias::{CLASS_COUNT, EventKind};
+use evcal_solve::solve::residual_statistics::Measured;
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 

@@ -9,10 +9,10 @@ use super::number::count;
 use super::page::{Section, scrolling};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::interval_choice::IntervalChoice;
-use evcal_calibrate::solve::left_out::{LeftOut, Reason};
-use evcal_calibrate::solve::pose_covariance::{PoseCovariance, PoseSigma};
-use evcal_calibrate::solve::refinement::Refined;
-use evcal_calibrate::trajectory::Trajectory;
+use evcal_solve::solve::left_out::{LeftOut, Reason};
+use evcal_solve::solve::pose_covariance::{PoseCovariance, PoseSigma};
+use evcal_solve::solve::refinement::Refined;
+use evcal_solve::trajectory::Trajectory;
 
 /// Angles about x, y and z of the board, in this order of rotations.
 const ANGLES: [&str; 3] = ["roll (about x)", "pitch (about y)", "yaw (about z)"];

@@ -12,8 +12,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::calibrate::calibrate as calibrate_all;
-use crate::initial::model_choice::ModelRequest;
 use crate::picture_calibration::calibration::PictureFailure;
+use evcal_solve::initial::model_choice::ModelRequest;
 
 const SENSOR: Sensor = Sensor::new(240, 180);
 /// Number of parts of a pixel along each side.

@@ -3,7 +3,7 @@
 use evcal_core::spline::rotation::exp;
 
 use super::*;
-use crate::trajectory::CONTROL_POINT_PARAMETERS;
+use evcal_solve::trajectory::CONTROL_POINT_PARAMETERS;
 
 fn trajectory() -> Trajectory {
     let count = 12;

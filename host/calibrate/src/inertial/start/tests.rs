@@ -4,9 +4,9 @@ use nalgebra::{Isometry3, Rotation3};
 use super::super::prediction::{accelerometer, gyroscope};
 use super::super::solve::smooth_trajectories;
 use super::*;
-use crate::trajectory::fit::{TrajectoryShape, fit};
-use crate::trajectory::{RotationSpline, Trajectory};
 use evcal_geometry::timed_pose::TimedPose;
+use evcal_solve::trajectory::fit::{TrajectoryShape, fit};
+use evcal_solve::trajectory::{RotationSpline, Trajectory};
 
 const GRAVITY: f64 = 9.81;
 

@@ -1,7 +1,7 @@
 //! Distribution of the residuals of event classes.
 
-use crate::solve::event_bias::EventKind;
-use crate::solve::observation_range::EventResidual;
+use evcal_solve::solve::event_bias::EventKind;
+use evcal_solve::solve::observation_range::EventResidual;
 
 /// Residuals beyond this are counted in the outermost bins (px).
 pub const BOUND: f64 = 1.5;

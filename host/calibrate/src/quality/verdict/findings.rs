@@ -15,9 +15,9 @@ use crate::quality::coverage::Coverage;
 use crate::quality::misfit::OtherModel;
 use crate::quality::split_half::SplitHalf;
 use crate::quality::{EventQuality, ObservedRadius, Quality};
-use crate::solve::left_out::{LeftOut, Reason};
 use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::lens::folds::{folded_share, jumps};
+use evcal_solve::solve::left_out::{LeftOut, Reason};
 
 /// Models that project points in front of the camera only.
 const PINHOLE: [ModelKind; 4] = [ModelKind::Radtan4, ModelKind::Radtan, ModelKind::Radtan8, ModelKind::InverseRadial];

@@ -6,20 +6,25 @@ use evcal_core::sensor::Sensor;
 use nalgebra::{DVector, Isometry3, Point3, Vector3};
 
 use super::*;
-use crate::circles::reference_frame::PointObservation;
 use crate::second_camera::carried::POSE;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
-use crate::solve::board_edge::BoardEdges;
-use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::{CLASS_COUNT, unknown};
-use crate::solve::levenberg::moved;
-use crate::solve::observation::{EventBin, EventObservation, SegmentObservations};
-use crate::solve::observation_range::observation_ranges;
-use crate::solve::observation_range::tests::{AREA, BINS, CENTERS, RADIUS, trajectory};
-use crate::solve::{BOARD_PARAMETERS, FreeParameters, ITERATIONS, ResidualMeasure, State, bias_index};
-use crate::trajectory::Trajectory;
-use evcal_geometry::board::shape::BoardShape;
+use crate::second_camera::start::tests::{first_pose, fitted_to};
+use evcal_detection::circles::reference_frame::PointObservation;
+use evcal_geometry::board::shape::{BoardShape, CircleArea};
+use evcal_solve::solve::board_edge::BoardEdges;
+use evcal_solve::solve::event_bias::bias::{Bias, Biases};
+use evcal_solve::solve::event_bias::{CLASS_COUNT, unknown};
+use evcal_solve::solve::levenberg::moved;
+use evcal_solve::solve::observation::{EventBin, EventObservation, SegmentObservations};
+use evcal_solve::solve::observation_range::observation_ranges;
+use evcal_solve::solve::{BOARD_PARAMETERS, FreeParameters, ITERATIONS, ResidualMeasure, State, bias_index};
+use evcal_solve::trajectory::Trajectory;
 
+const CENTERS: [[f64; 2]; 2] = [[0.11, 0.165], [0.165, 0.11]];
+const RADIUS: f64 = 0.0175;
+const AREA: CircleArea = CircleArea { middle: [0.19, 0.22], half: [0.19, 0.22] };
+/// Time bins, 10 ms apart.
+const BINS: usize = 9;
 const FLAT: BoardShape = BoardShape { print_ratio: 1.0, bend: [0.0; 2], radius: RADIUS };
 
 fn camera() -> Camera<f64> {
@@ -30,6 +35,11 @@ fn camera() -> Camera<f64> {
 fn mount() -> Mount {
     let second_first = Isometry3::new(Vector3::new(-0.05, 0.004, 0.007), Vector3::new(0.03, 0.05, -0.04));
     Mount { second_first, offset: 3.25, rate: 1e-3, middle: 3.2, line_delay: None }
+}
+
+/// The first camera, during the times of all bins.
+fn trajectory() -> Trajectory {
+    fitted_to(|t| first_pose(t, 1.0), 0.0..0.1)
 }
 
 /// Events of the second camera near the rims of two dots.
@@ -62,7 +72,7 @@ fn observations(trajectory: &Trajectory) -> SegmentObservations {
 
 /// The border of the system: the mount, then the second camera.
 fn columns(of_mount: usize, free: &[usize]) -> Columns {
-    let mut mask = [false; crate::solve::GLOBAL_COUNT];
+    let mut mask = [false; evcal_solve::solve::GLOBAL_COUNT];
     free.iter().for_each(|&global| mask[global] = true);
     Columns::after(of_mount, &mask)
 }
@@ -113,7 +123,7 @@ fn the_gradient_is_the_slope_of_the_cost() {
 
     let cost = |globals: &[f64], step: &[f64]| {
         let of_lens = columns.globals(globals);
-        let none = [0.0; crate::solve::GLOBAL_COUNT];
+        let none = [0.0; evcal_solve::solve::GLOBAL_COUNT];
         let moved_estimate = Estimate {
             first: moved(&estimate.first, &[step.to_vec()], &none, &[]).unwrap(),
             second: moved(&estimate.second, &[], &of_lens, &[]).unwrap(),

@@ -5,18 +5,18 @@ use std::ops::Range;
 use nalgebra::Vector3;
 
 use super::*;
-use crate::trajectory::RotationSpline;
-use crate::trajectory::alignment::AlignmentError;
-use crate::trajectory::fit::{TrajectoryShape, fit};
 use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
+use evcal_solve::trajectory::RotationSpline;
+use evcal_solve::trajectory::alignment::AlignmentError;
+use evcal_solve::trajectory::fit::{TrajectoryShape, fit};
 
 const SECONDS: f64 = 24.0;
 const OFFSET_TRUE: f64 = -1.237_45;
 const RATE_TRUE: f64 = 60e-6;
 
 /// `T_world_camera`, which never repeats; `turn` scales the rotation.
-fn first_pose(t: f64, turn: f64) -> Isometry3<f64> {
+pub fn first_pose(t: f64, turn: f64) -> Isometry3<f64> {
     let turns = Vector3::new(
         0.4 * (2.1 * t).sin() + 0.2 * (5.3 * t + 0.4).sin() + 0.1 * (0.23 * t * t).cos(),
         0.3 * (1.7 * t + 1.0).cos() + 0.2 * (4.7 * t).sin() + 0.1 * (0.31 * t * t).sin(),
@@ -34,7 +34,7 @@ fn second_first() -> Isometry3<f64> {
     Isometry3::new(Vector3::new(-0.1, 0.01, 0.02), Vector3::new(0.02, 0.15, -0.3))
 }
 
-fn fitted_to(pose: impl Fn(f64) -> Isometry3<f64>, span: Range<f64>) -> Trajectory {
+pub fn fitted_to(pose: impl Fn(f64) -> Isometry3<f64>, span: Range<f64>) -> Trajectory {
     let count = (200.0 * (span.end - span.start)) as usize;
     let times =
         (0..=count).map(|index| (span.start + (span.end - span.start) * index as f64 / count as f64).min(span.end));

@@ -4,8 +4,8 @@ use std::error::Error;
 use std::path::Path;
 
 use evcal_calibrate::calibrate::error::CalibrateError;
-use evcal_calibrate::detection::search::SearchError;
 use evcal_core::sensor::Sensor;
+use evcal_detection::detection::search::SearchError;
 use evcal_files::folder::FolderError;
 use evcal_files::output::OutputError;
 use event_recordings::convert::ConvertError;

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
-use evcal_calibrate::solve::fixed_intrinsics::FixedIntrinsics;
 use evcal_core::sensor::Sensor;
 use evcal_files::visible;
 use evcal_geometry::lens::camera_file::CameraFileError;
+use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 
 use super::super::print;
 

@@ -16,18 +16,18 @@ use evcal_calibrate::calibrate::second::{
 use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
 use evcal_calibrate::inertial::error::InertialError;
-use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::quality::verdict::{Cause, Grade};
 use evcal_calibrate::result::device_verdicts::{device_verdicts, worst_grade};
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
-use evcal_calibrate::solve::fixed_intrinsics::FixedIntrinsics;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_report::output::failure::{Failure, write_failure};
 use evcal_report::output::folder::write_folder;
+use evcal_solve::initial::model_choice::ModelRequest;
+use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use rayon::ThreadPool;
 
 use super::super::advice::calibrate::worded;

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use evcal_calibrate::evaluate::captured::{CapturedFiles, compare_captured};
 use evcal_calibrate::evaluate::pose_by_intrinsics::KnownCamera;
-use evcal_calibrate::motion_capture::held_out::{Errors, SLICE, SliceErrors};
-use evcal_calibrate::motion_capture::{Compared, Measured, MeasuredPose};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_files::visible;
+use evcal_solve::motion_capture::held_out::{Errors, SLICE, SliceErrors};
+use evcal_solve::motion_capture::{Compared, Measured, MeasuredPose};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 

@@ -8,10 +8,10 @@ use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::beginning::calibrate_beginning;
 use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::calibrate::step::Step;
-use evcal_calibrate::initial::model_choice::ModelRequest;
 use evcal_calibrate::settings::Settings;
 use evcal_geometry::board::Board;
 use evcal_live::checkpoint::{Checkpoints, ReportTime, ReportedAccuracy, RunningCalibration};
+use evcal_solve::initial::model_choice::ModelRequest;
 use event_recordings::{Recording, RecordingOptions};
 
 use super::super::advice::with_advice;

@@ -8,8 +8,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use evcal_calibrate::detection::search::SearchError;
 use evcal_core::sensor::Sensor;
+use evcal_detection::detection::search::SearchError;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
 use event_recordings::{FileFormat, Recording, RecordingOptions};

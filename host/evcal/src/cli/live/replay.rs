@@ -2,8 +2,8 @@
 
 use std::ops::ControlFlow;
 
-use evcal_calibrate::detection::search::sensor_of;
 use evcal_calibrate::settings::Settings;
+use evcal_detection::detection::search::sensor_of;
 use evcal_files::folder::OutputFolder;
 use evcal_live::checkpoint::ReportTime;
 use evcal_live::latest::Latest;
