@@ -6,6 +6,7 @@ mod board_solve;
 pub mod calibrated;
 mod changed;
 mod detected;
+mod devices;
 pub mod error;
 mod events;
 mod examination;

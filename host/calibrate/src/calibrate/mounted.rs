@@ -1,14 +1,9 @@
-//! Devices on the mount of the first camera, after its calibration.
+//! Another camera on the mount of the first, after its calibration.
 
 use evcal_core::sensor::Sensor;
 
-use super::calibrated::{Calibrated, Evidence};
-use super::orientation::{Shown, settle};
-use crate::inertial::calibration::InertialCalibration;
-use crate::inertial::error::InertialError;
 use crate::quality::verdict::Grade;
 use crate::second_camera::calibration::SecondCalibration;
-use crate::second_camera::error::SecondCameraError;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::covered_region::CoveredRegion;
 use event_recordings::image_folder::Stamps;
@@ -49,38 +44,4 @@ pub struct SecondFrames {
     pub stamps: Stamps,
     /// `true` if they have exposure times.
     pub exposure_known: bool,
-}
-
-impl Calibrated {
-    /// Adds the IMU. Its accelerometer shows whether the image is mirrored; the verdict says so.
-    ///
-    /// # Errors
-    /// The error in `found`.
-    pub fn add_inertial(&mut self, found: Result<InertialCalibration, InertialError>) -> Result<(), InertialError> {
-        match &found {
-            Ok(inertial) if inertial.shows_acceleration() => settle(self, Shown::Right),
-            Err(InertialError::OppositeAccelerations) => settle(self, Shown::OppositeAccelerations),
-            _ => {}
-        }
-        let found = found?;
-        if let Evidence::Events(events) = &mut self.evidence {
-            events.inertial = Some(found);
-        }
-        Ok(())
-    }
-
-    /// Adds another camera. If one of both is mirrored, the verdict says so.
-    ///
-    /// # Errors
-    /// The error in `found`.
-    pub fn add_second(&mut self, found: Result<SecondCamera, SecondCameraError>) -> Result<(), SecondCameraError> {
-        if matches!(found, Err(SecondCameraError::Mirrored)) {
-            settle(self, Shown::OneOfTwoMirrored);
-        }
-        let found = found?;
-        if let Evidence::Events(events) = &mut self.evidence {
-            events.second_cameras.push(found);
-        }
-        Ok(())
-    }
 }
