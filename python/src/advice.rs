@@ -5,11 +5,11 @@ use std::error::Error;
 use std::fmt::Display;
 
 use evcal_calibrate::advice::Advice;
-use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
-use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::task::board_choice::BoardChoiceError;
+use evcal_calibrate::task::error::CalibrateError;
 use evcal_calibrate::calibrate::repeat::RepeatError;
-use evcal_detection::detection::other_board::OtherReading;
-use evcal_detection::detection::radius::OtherRadius;
+use evcal_detection::detection::recognition::other_board::OtherReading;
+use evcal_detection::detection::recognition::radius::OtherRadius;
 use evcal_detection::detection::search::SearchError;
 use evcal_detection::detection::{NoPattern, NoPatternCause};
 use evcal_calibrate::inertial::error::InertialError;

@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use evcal_calibrate::calibrate::board_choice::{BoardChoiceError, choose_board};
+use evcal_calibrate::task::board_choice::{BoardChoiceError, choose_board};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
-use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::task::input::Input;
 use evcal_calibrate::calibrate::second::{calibrate_against_first, calibrate_lens_separately, picture_use_of_second};
-use evcal_calibrate::calibrate::step::Step;
-use evcal_calibrate::calibrate::{PictureUse, Task};
+use evcal_calibrate::task::step::Step;
+use evcal_calibrate::task::{PictureUse, Task};
 use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_solve::initial::model_choice::ModelRequest;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;

@@ -14,8 +14,8 @@ use event_recordings::{RecordingOptions, TimeUnit};
 
 use evcal_detection::detection::NoPattern;
 use evcal_detection::detection::no_board::only_one_polarity;
-use evcal_detection::detection::radius::OtherRadius;
-use evcal_detection::detection::recognised::Recognised;
+use evcal_detection::detection::recognition::radius::OtherRadius;
+use evcal_detection::detection::recognition::recognised::Recognised;
 
 /// Function with which a program words advice.
 pub type Wording = fn(&Advice) -> String;

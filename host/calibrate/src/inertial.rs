@@ -40,10 +40,10 @@ use uncertainty::InertialUncertainty;
 
 use crate::quality::uncertainty::Uncertainty;
 use evcal_solve::solve::Problem;
+use evcal_solve::solve::equations::system::Reduced;
 use evcal_solve::solve::fixed_intrinsics::{self, FixedIntrinsics, share_of_fixed};
 use evcal_solve::solve::left_out::covers;
 use evcal_solve::solve::refinement::Refined;
-use evcal_solve::solve::system::Reduced;
 use evcal_solve::trajectory::Trajectory;
 use evcal_solve::trajectory::mean_distance;
 

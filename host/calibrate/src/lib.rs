@@ -14,6 +14,7 @@ pub mod quality;
 pub mod result;
 pub mod second_camera;
 pub mod settings;
+pub mod task;
 pub mod undistort;
 
 pub use evcal_geometry::VERSION;

@@ -30,13 +30,13 @@ use crate::quality::uncertainty::{BiasSigma, SolveUncertainty, Uncertainty};
 use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::folds::folds;
-use evcal_solve::solve::board_edge::BoardEdges;
-use evcal_solve::solve::burst::RANK_COUNT;
-use evcal_solve::solve::event_bias::bias::Bias;
-use evcal_solve::solve::event_bias::{CLASS_COUNT, EventKind};
+use evcal_solve::solve::equations::pose_covariance::PoseCovariance;
 use evcal_solve::solve::left_out::LeftOut;
-use evcal_solve::solve::pose_covariance::PoseCovariance;
 use evcal_solve::solve::refinement::Refined;
+use evcal_solve::solve::rows::board_edge::BoardEdges;
+use evcal_solve::solve::rows::burst::RANK_COUNT;
+use evcal_solve::solve::rows::event_bias::bias::Bias;
+use evcal_solve::solve::rows::event_bias::{CLASS_COUNT, EventKind};
 use evcal_solve::solve::{Problem, SolveError, State};
 
 /// Quality measures of a calibration, whatever its input was.

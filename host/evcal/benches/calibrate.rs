@@ -12,9 +12,10 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
+use evcal_calibrate::calibrate::calibrate;
 use evcal_calibrate::calibrate::calibrated::EventCalibration;
-use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::calibrate::{Task, calibrate};
+use evcal_calibrate::task::Task;
+use evcal_calibrate::task::input::Input;
 use evcal_core::camera::ModelKind;
 use evcal_solve::initial::model_choice::ModelRequest;
 use evcal_solve::solve::levenberg::{OF_CAMERA, Schedule, solve_with_progress};

@@ -8,9 +8,9 @@ use nalgebra::Vector2;
 
 use crate::health::noise::NoiseMeter;
 use evcal_detection::circles::reference_frame::UnorderedFrame;
-use evcal_detection::detection::other_board::{OtherReading, find_other_board, other_reading};
 use evcal_detection::detection::pictures::settings::PictureSettings;
-use evcal_detection::detection::recognised::{Recognised, find_squares};
+use evcal_detection::detection::recognition::other_board::{OtherReading, find_other_board, other_reading};
+use evcal_detection::detection::recognition::recognised::{Recognised, find_squares};
 use evcal_detection::detection::settings::DetectionSettings;
 use evcal_detection::detection::still_views::search::search_views;
 use evcal_detection::detection::still_views::{StillView, StillViews};

@@ -32,9 +32,9 @@ mod trusted_places;
 use rayon::prelude::*;
 
 use self::page::Section;
-use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::result::calibration_file::InputFile;
+use evcal_calibrate::task::Task;
 
 use crate::output::input_files::input_files;
 

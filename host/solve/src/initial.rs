@@ -13,23 +13,21 @@ pub mod bundle_adjustment;
 mod cross_validation;
 mod first_camera;
 mod frame_pose;
+mod gates;
 pub mod held_out;
 pub mod information;
 pub mod model_choice;
 mod native_start;
-mod neighbour_vote;
 mod planar_pose;
 mod pose;
 pub mod provisional;
 mod refit;
 mod report;
-mod rotation_gate;
 mod settings;
 mod sighting;
 mod start;
 #[cfg(test)]
 mod tests;
-mod velocity_gate;
 mod view_selection;
 
 use evcal_core::camera::refit::refits;
@@ -44,10 +42,10 @@ use evcal_detection::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_geometry::board::Board;
 use first_camera::{first_camera, views_differ};
 use frame_pose::{FramePose, PoseError, robust_pose, settle_pose};
-use rotation_gate::rotation_gate;
+use gates::rotation_gate::rotation_gate;
+use gates::velocity_gate::{Waypoint, velocity_gate};
 use settings::HUBER;
 use sighting::Sighting;
-use velocity_gate::{Waypoint, velocity_gate};
 use view_selection::select_views;
 
 use evcal_geometry::numerics::statistics::median;

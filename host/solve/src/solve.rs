@@ -3,46 +3,23 @@
 //! Estimates the intrinsics, the control points of every trajectory segment and the biases of the event classes together. They
 //! minimise Σ ρ(r), where r is the distance of an event from its edge on the print. The event is projected onto the board plane
 //! with the pose at the event's own time (equation of section III-C of the paper). The optimiser is Levenberg-Marquardt. Its
-//! normal equations are block-banded per segment, with a border of global parameters ([`normal`]); the rows are analytic
-//! ([`event_row`], [`point_row`]).
+//! normal equations are block-banded per segment, with a border of global parameters ([`equations`]); the rows are analytic ([`rows`]).
 
 pub mod association;
-pub mod band;
-pub mod bearing_table;
-pub mod board_edge;
-pub mod board_ray;
-pub mod board_surface;
-pub mod border;
-pub mod burst;
-pub mod control_band;
-pub mod edge_batch;
-pub mod eliminated;
-pub mod event_bias;
-pub mod event_row;
+pub mod equations;
 pub mod event_sample;
 pub mod fixed_camera;
 pub mod fixed_intrinsics;
 pub mod half;
 pub mod knot_choice;
-pub mod knot_fit;
 pub mod left_out;
 pub mod lens_step;
 pub mod levenberg;
-pub mod loss;
-pub mod normal;
 pub mod observation;
 pub mod observation_range;
-pub mod point_row;
-pub mod pose_bin;
-pub mod pose_covariance;
-pub mod pose_products;
 pub mod refinement;
 pub mod residual_statistics;
-pub mod row_batch;
-pub mod row_products;
-pub mod smoothness;
-pub mod stiffness;
-pub mod system;
+pub mod rows;
 pub mod unexplained;
 
 use evcal_core::camera::Camera;
@@ -50,14 +27,14 @@ use evcal_core::sensor::Sensor;
 use evcal_core::settings;
 use serde::{Deserialize, Serialize};
 
-use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, bias_place};
 use crate::trajectory::Trajectory;
-use board_edge::BoardEdges;
+use equations::stiffness::Stiffness;
 use evcal_core::camera::MAX_PARAMETERS;
 use evcal_geometry::board::shape::{self, BoardShape, CircleArea};
 use observation::SegmentObservations;
-use stiffness::Stiffness;
+use rows::board_edge::BoardEdges;
+use rows::event_bias::bias::{Bias, Biases};
+use rows::event_bias::{BIAS_COUNT, CLASS_COUNT, EventBias, bias_place};
 
 /// Number of parameters of the board: print ratio, bend along x and y, radius (see [`BoardShape`]).
 pub const BOARD_PARAMETERS: usize = shape::PARAMETERS;

@@ -2,11 +2,13 @@
 
 use std::ops::ControlFlow;
 
+use super::calibrate;
 use super::calibrated::Calibrated;
-use super::error::CalibrateError;
-use super::input::Input;
-use super::step::Step;
-use super::{PictureUse, Task, calibrate};
+use crate::task::PictureUse;
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::input::Input;
+use crate::task::step::Step;
 use event_recordings::{Recording, RecordingError};
 
 /// Calibrates as `task` describes, from its inputs and the events of the first `seconds` of `recording`. The result does not

@@ -1,12 +1,12 @@
 //! Sections 1 to 4 of method.md: from recordings to reference frames.
 
-use super::Task;
-use super::error::CalibrateError;
-use super::health::Health;
 use super::kept_events::KeptEvents;
-use super::progress::Progress;
-use crate::calibrate::input::Input;
+use crate::calibrate::findings::health::Health;
 use crate::check::units::other_unit;
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::input::Input;
+use crate::task::progress::Progress;
 use evcal_core::sensor::Sensor;
 use evcal_detection::circles::compact_frame::CompactFrame;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
@@ -14,7 +14,7 @@ use evcal_detection::detection::board_stage::BoardStage;
 use evcal_detection::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use evcal_detection::detection::focus::{WINDOWS, edge_width};
 use evcal_detection::detection::no_board::NoBoard;
-use evcal_detection::detection::other_board::{OtherReading, find_other_board};
+use evcal_detection::detection::recognition::other_board::{OtherReading, find_other_board};
 use evcal_detection::detection::unplaced::UnplacedWindows;
 use evcal_detection::detection::{DetectionReport, LARGEST_SENSOR};
 use evcal_detection::diagnosis::bad_pixels::BadPixels;

@@ -2,7 +2,7 @@
 
 use super::calibrated::{Calibrated, Evidence};
 use super::mounted::SecondCamera;
-use super::orientation::{Shown, settle};
+use crate::calibrate::findings::orientation::{Shown, settle};
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::second_camera::error::SecondCameraError;

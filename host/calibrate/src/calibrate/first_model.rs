@@ -4,13 +4,13 @@ use std::fmt::Display;
 
 use evcal_core::sensor::Sensor;
 
-use super::Task;
-use super::board_choice::larger_board;
-use super::error::CalibrateError;
-use super::progress::Progress;
+use crate::task::Task;
+use crate::task::board_choice::larger_board;
+use crate::task::error::CalibrateError;
+use crate::task::progress::Progress;
 use evcal_core::camera::ModelKind;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
-use evcal_detection::detection::radius::other_radius;
+use evcal_detection::detection::recognition::radius::other_radius;
 use evcal_geometry::lens::folds::folds;
 use evcal_solve::initial::model_choice::{
     CANDIDATES, ModelChoice, ModelRequest, USUAL, USUAL_CANDIDATES, choose_model,

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use super::calibrated::{Calibrated, Evidence};
-use super::input::Input;
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
 use crate::inertial::stream::{ReadSamples, Span};
 use crate::inertial::units::MessageUnits;
 use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
+use crate::task::input::Input;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use event_recordings::{Recording, ros};
 

@@ -15,7 +15,7 @@ use evcal_core::sensor::Sensor;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::Task;
+use crate::task::Task;
 use evcal_detection::circles::compact_frame::CompactFrame;
 use evcal_detection::circles::reference_frame::ObservedCircle;
 use evcal_geometry::board::Board;

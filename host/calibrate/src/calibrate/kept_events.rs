@@ -2,11 +2,11 @@
 
 use evcal_core::sensor::Sensor;
 
-use super::Task;
-use super::error::CalibrateError;
-use super::input::Input;
 use super::interval_choice::{ChosenSeconds, IntervalChoice, second_of};
-use super::progress::Progress;
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::input::Input;
+use crate::task::progress::Progress;
 use evcal_solve::solve::event_sample::{EventSample, RankedEvent, Thinning};
 use evcal_solve::solve::refinement::{EventInput, ReadRecording};
 

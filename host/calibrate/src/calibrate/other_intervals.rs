@@ -6,21 +6,21 @@ use std::ops::Range;
 
 use evcal_core::camera::MAX_PARAMETERS;
 
-use super::Task;
-use super::board_solve::BoardSolve;
-use super::error::CalibrateError;
-use super::joint_solve::{stage_settings, trajectory_settings};
 use super::kept_events::read_share;
-use super::progress::Progress;
+use crate::calibrate::solves::board_solve::BoardSolve;
+use crate::calibrate::solves::joint_solve::{stage_settings, trajectory_settings};
 use crate::quality::poses::{UncertainPose, sampled_poses};
 use crate::quality::uncertainty::POSE_MODEL_ERROR;
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::progress::Progress;
 use evcal_detection::circles::compact_frame::CompactFrame;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_solve::initial::{InitialModel, posed_frames};
+use evcal_solve::solve::equations::pose_covariance::PoseCovariance;
 use evcal_solve::solve::event_sample::RankedEvent;
 use evcal_solve::solve::fixed_camera::{Followed, follow};
 use evcal_solve::solve::left_out::LeftOut;
-use evcal_solve::solve::pose_covariance::PoseCovariance;
 use evcal_solve::solve::refinement::{EventInput, RefinementInput};
 use evcal_solve::solve::{BOARD_PARAMETERS, State};
 use evcal_solve::trajectory::first::first_trajectories;

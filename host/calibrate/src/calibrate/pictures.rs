@@ -3,14 +3,11 @@
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
-use super::board_solve::BoardSolve;
 use super::calibrated::{Calibrated, Evidence};
 use super::detected::common_sensor;
-use super::error::CalibrateError;
 use super::first_model::{FirstModel, model_of};
-use super::progress::Progress;
-use super::{PictureUse, Task, orientation};
-use crate::calibrate::input::Input;
+use crate::calibrate::findings::orientation;
+use crate::calibrate::solves::board_solve::BoardSolve;
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureReport, PictureSource, calibrate_pictures,
@@ -20,6 +17,11 @@ use crate::quality::cross_check::{CrossCheckOutcome, FailedCrossCheck, NoCrossCh
 use crate::quality::examine_pictures;
 use crate::quality::uncertainty::Uncertainty;
 use crate::quality::verdict::verdict;
+use crate::task::PictureUse;
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::input::Input;
+use crate::task::progress::Progress;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_detection::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
 use evcal_detection::detection::pictures::tag_corners::TagCorners;

@@ -8,10 +8,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
+use crate::calibrate::calibrate;
 use crate::calibrate::calibrated::Calibrated;
-use crate::calibrate::error::CalibrateError;
-use crate::calibrate::input::Input;
-use crate::calibrate::{Task, calibrate};
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::input::Input;
 use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_geometry::numerics::random::uniform_in;
 use evcal_solve::initial::model_choice::ModelRequest;

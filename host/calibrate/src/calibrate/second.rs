@@ -2,18 +2,20 @@
 
 use std::ops::ControlFlow;
 
+use super::calibrate;
 use super::calibrated::{Calibrated, EventCalibration, Evidence};
-use super::error::CalibrateError;
-use super::input::Input;
 use super::mounted::{SecondCamera, SecondFrames};
-use super::step::Step;
-use super::{PictureUse, Task, calibrate};
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::error::SecondCameraError;
 use crate::second_camera::frames::{FrameCamera, SeenFrame, calibrate_frames};
 use crate::second_camera::joint::Lenses;
 use crate::second_camera::{Pictures, SeparateCalibration, calibrate_pictures_against, calibrate_second};
 use crate::settings::Settings;
+use crate::task::PictureUse;
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::input::Input;
+use crate::task::step::Step;
 use evcal_detection::circles::reference_frame::{ObservedCircle, PointObservation, ReferenceFrame};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::symmetry::Symmetries;
@@ -168,7 +170,7 @@ fn seen_frame(posed: &PosedFrame, frame: &ReferenceFrame) -> SeenFrame {
 }
 
 /// Calibrates the camera's own pictures against its events, as if they were pictures of a second camera. Both have the same lens,
-/// so the relative pose should be the identity. `first` was calibrated with [`PictureUse::SecondCamera`](super::PictureUse).
+/// so the relative pose should be the identity. `first` was calibrated with [`PictureUse::SecondCamera`](crate::task::PictureUse).
 ///
 /// # Errors
 /// [`SecondCameraError`] names the problem and the remedy.

@@ -8,13 +8,14 @@ use event_recordings::pass::RecordingReport;
 
 use super::calibrated::Calibrated;
 use super::detected::{Fingerprints, common_sensor};
-use super::error::CalibrateError;
-use super::input::{Input, read_events};
 use super::pictures::{SeenPictures, calibrate_seen};
-use super::progress::Progress;
-use super::{PictureUse, Task};
 use crate::picture_calibration::calibration::PictureSource;
 use crate::settings::Settings;
+use crate::task::PictureUse;
+use crate::task::Task;
+use crate::task::error::CalibrateError;
+use crate::task::input::{Input, read_events};
+use crate::task::progress::Progress;
 use evcal_detection::detection::still_views::search::{FoundInViews, search_views};
 use evcal_detection::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillView, StillViews, duration};
 use evcal_detection::diagnosis::fingerprint::Fingerprint;

@@ -9,9 +9,9 @@ use super::prediction::Prediction;
 use super::sample::Sample;
 use evcal_core::spline::Knots;
 use evcal_geometry::numerics::huber::huber;
-use evcal_solve::solve::band::Band;
-use evcal_solve::solve::loss::Loss;
-use evcal_solve::solve::normal::Equations;
+use evcal_solve::solve::equations::band::Band;
+use evcal_solve::solve::equations::normal::Equations;
+use evcal_solve::solve::rows::loss::Loss;
 use evcal_solve::trajectory::{CONTROL_POINT_PARAMETERS as POINT, Trajectory};
 
 /// Residual from which a sample counts linearly, in σ.

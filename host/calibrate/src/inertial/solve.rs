@@ -19,10 +19,10 @@ use super::sample_rows::{residuals, sample_pieces};
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_solve::solve::SolveError;
-use evcal_solve::solve::border::Columns;
+use evcal_solve::solve::equations::border::Columns;
+use evcal_solve::solve::equations::normal::Equations;
+use evcal_solve::solve::equations::system::{Step, System};
 use evcal_solve::solve::levenberg::{self, OF_MOUNTED, after, minimise, pieces};
-use evcal_solve::solve::normal::Equations;
-use evcal_solve::solve::system::{Step, System};
 use evcal_solve::trajectory::fit::fit_on_knots;
 use evcal_solve::trajectory::{RotationSpline, Trajectory};
 

@@ -7,8 +7,8 @@ use super::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, COUNT, GRAVITY, GYROSCOPE_DELAY, InertialParameters, POSITION,
 };
 use crate::quality::uncertainty::blocks::{jackknife_step, scatter, sum_by_block};
-use evcal_solve::solve::normal::Equations;
-use evcal_solve::solve::system::{Blocks, Reduced};
+use evcal_solve::solve::equations::normal::Equations;
+use evcal_solve::solve::equations::system::{Blocks, Reduced};
 
 /// Lengths of blocks (s).
 const LENGTHS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];

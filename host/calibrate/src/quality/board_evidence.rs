@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use evcal_geometry::board::Board;
 use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
-use evcal_solve::solve::event_bias::bias::Bias;
+use evcal_solve::solve::equations::system::Contribution;
 use evcal_solve::solve::refinement::Refined;
-use evcal_solve::solve::system::Contribution;
+use evcal_solve::solve::rows::event_bias::bias::Bias;
 use evcal_solve::solve::{BOARD_INDEX, FreeParameters, Problem, State};
 
 settings! {

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::uncertainty::blocks::{limited_step, scatter};
 use evcal_geometry::lens::projection_difference::grid;
 use evcal_geometry::lens::projection_sensitivity::projection_sensitivity;
-use evcal_solve::solve::system::{Contribution, PackedContribution};
+use evcal_solve::solve::equations::system::{Contribution, PackedContribution};
 use evcal_solve::solve::{BOARD_INDEX, GLOBAL_COUNT};
 
 /// Length of a block (s). Moments of a change are searched between blocks.
@@ -93,7 +93,7 @@ pub struct Interval {
     pub start: f64,
     /// Second derivative of the loss as a share of the information, which counts outliers by their weight ([`Loss::curvature`]).
     ///
-    /// [`Loss::curvature`]: evcal_solve::solve::loss::Loss::curvature
+    /// [`Loss::curvature`]: evcal_solve::solve::rows::loss::Loss::curvature
     pub curvature: f64,
 }
 

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_solve::solve::State;
+use evcal_solve::solve::equations::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_solve::solve::left_out::{LeftOut, covers};
-use evcal_solve::solve::pose_covariance::{PoseCovariance, PoseSigma};
 
 settings! {
     /// Selection of the poses that are written.

@@ -16,8 +16,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use evcal_geometry::numerics::huber::huber;
-use evcal_solve::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use evcal_solve::solve::observation_range::{EventResidual, PointResidual, point_residuals};
+use evcal_solve::solve::rows::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
 use evcal_solve::solve::{Problem, State};
 
 /// Number of columns of cells; the number of rows follows, so that the cells are nearly square.

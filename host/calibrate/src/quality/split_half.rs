@@ -15,15 +15,15 @@ use crate::quality::uncertainty::parts::CovarianceParts;
 use crate::quality::uncertainty::projection::projection_uncertainty;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::projection_difference::{ProjectionDifference, projection_difference};
-use evcal_solve::solve::border::Columns;
+use evcal_solve::solve::equations::border::Columns;
+use evcal_solve::solve::equations::normal::Equations;
+use evcal_solve::solve::equations::stiffness::Stiffness;
+use evcal_solve::solve::equations::system::TrajectoryPriors;
 use evcal_solve::solve::half::{Half, SolvedHalf};
 use evcal_solve::solve::lens_step::{observed_pixels, stepped};
 use evcal_solve::solve::levenberg::intrinsics_of;
-use evcal_solve::solve::normal::Equations;
 use evcal_solve::solve::observation::SegmentObservations;
 use evcal_solve::solve::observation_range::{EventResidual, ObservationRange, point_residuals};
-use evcal_solve::solve::stiffness::Stiffness;
-use evcal_solve::solve::system::TrajectoryPriors;
 use evcal_solve::solve::{GLOBAL_COUNT, Problem, State};
 
 /// Length of a slice of time (s); even slices form one half, odd ones the other.

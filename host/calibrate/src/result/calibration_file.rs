@@ -30,12 +30,12 @@ use evcal_geometry::board::Board;
 use evcal_geometry::lens::camera_file::{CameraDescription, LATEST_VERSION, Parameters};
 use evcal_solve::initial::InitialReport;
 use evcal_solve::initial::model_choice::ModelChoice;
-use evcal_solve::solve::burst::BurstLength;
-use evcal_solve::solve::event_bias::bias::{Bias, Biases};
-use evcal_solve::solve::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
 use evcal_solve::solve::refinement::RoundReport;
 use evcal_solve::solve::residual_statistics::Measured;
 use evcal_solve::solve::residual_statistics::ResidualStatistics;
+use evcal_solve::solve::rows::burst::BurstLength;
+use evcal_solve::solve::rows::event_bias::bias::{Bias, Biases};
+use evcal_solve::solve::rows::event_bias::{EventBias, EventKind, SPEED_RANGE_COUNT};
 use evcal_solve::trajectory::segment::SegmentReport;
 use event_recordings::pass::RecordingReport;
 
@@ -487,7 +487,7 @@ impl SegmentSummary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use evcal_solve::solve::event_bias::{CLASS_COUNT, unknown};
+    use evcal_solve::solve::rows::event_bias::{CLASS_COUNT, unknown};
 
     #[test]
     fn each_bias_of_a_class_is_written_and_read_under_its_name() {

@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::mount::{LINE_DELAY, MOST, Mount, OFFSET, RATE, ROTATION, TRANSLATION};
-use evcal_solve::solve::pose_bin::PoseBin;
+use evcal_solve::solve::rows::pose_bin::PoseBin;
 
 /// Number of parameters of a pose: rotation (camera frame), then translation (world).
 pub const POSE: usize = 6;

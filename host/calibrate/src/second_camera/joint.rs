@@ -15,14 +15,14 @@ use super::mount::{RATE, RATE_SIGMA};
 use super::rows::second_pieces;
 use crate::quality::uncertainty::blocks::jackknife_step;
 use crate::quality::uncertainty::{BLOCK, Time, reported_covariance};
-use evcal_solve::solve::bearing_table::BearingTable;
-use evcal_solve::solve::border::Columns;
+use evcal_solve::solve::equations::border::Columns;
+use evcal_solve::solve::equations::normal::Equations;
+use evcal_solve::solve::equations::system::{Blocks, Step, System};
 use evcal_solve::solve::fixed_intrinsics::{FixedIntrinsics, share_of_fixed};
 use evcal_solve::solve::levenberg::{self, OF_MOUNTED, after, minimise, pieces};
-use evcal_solve::solve::loss::Loss;
-use evcal_solve::solve::normal::Equations;
 use evcal_solve::solve::observation_range::{ObservationRange, observation_ranges};
-use evcal_solve::solve::system::{Blocks, Step, System};
+use evcal_solve::solve::rows::bearing_table::BearingTable;
+use evcal_solve::solve::rows::loss::Loss;
 use evcal_solve::solve::{Problem, SolveError, State};
 
 /// Fixed intrinsics of the first and the second camera; `None` for intrinsics that are estimated.

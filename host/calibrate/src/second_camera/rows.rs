@@ -4,13 +4,13 @@
 use super::carried::Carried;
 use super::estimate::Estimate;
 use super::seen::sample_at;
-use evcal_solve::solve::band::Band;
-use evcal_solve::solve::bearing_table::BearingTable;
-use evcal_solve::solve::border::Columns;
-use evcal_solve::solve::normal::Equations;
+use evcal_solve::solve::equations::band::Band;
+use evcal_solve::solve::equations::border::Columns;
+use evcal_solve::solve::equations::normal::Equations;
+use evcal_solve::solve::equations::pose_products::PoseProducts;
 use evcal_solve::solve::observation_range::{BinSums, ObservationRange};
-use evcal_solve::solve::pose_bin::PoseBin;
-use evcal_solve::solve::pose_products::PoseProducts;
+use evcal_solve::solve::rows::bearing_table::BearingTable;
+use evcal_solve::solve::rows::pose_bin::PoseBin;
 use evcal_solve::solve::{Problem, SolveError};
 
 /// A bin or a circle centre, by its index, with both poses.

@@ -5,10 +5,11 @@ use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 use evcal_squares::reconstruction::ReconstructionOptions;
 
+use super::DetectionReport;
+use super::DetectionStage;
 use super::settings::DetectionSettings;
 use super::squares::SquareStage;
 use super::unplaced::UnplacedWindows;
-use super::{DetectionReport, DetectionStage};
 use crate::circles::compact_frame::CompactFrame;
 use crate::circles::reference_frame::ReferenceFrame;
 

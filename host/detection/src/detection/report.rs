@@ -9,9 +9,9 @@ use evcal_core::event::{Event, Polarity};
 use serde::{Deserialize, Serialize};
 
 use super::no_board::{NoBoard, only_one_polarity};
-use super::other_board::OtherReading;
 use super::settings::DetectionSettings;
 use crate::detection::counted::counted;
+use crate::detection::recognition::other_board::OtherReading;
 
 /// Reason why a pair of clusters is not a circle. The order of the variants is the order in `calibration.json`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -9,9 +9,13 @@ use evcal_core::pattern::Pattern;
 use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
+use super::CircleWindow;
+use super::DetectionReport;
+use super::DetectionStage;
+use super::LARGEST_SENSOR;
+use super::order_frames;
 use super::settings::DetectionSettings;
 use super::squares::SquareStage;
-use super::{CircleWindow, DetectionReport, DetectionStage, LARGEST_SENSOR, order_frames};
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn, UnorderedFrame};
 use crate::circles::stream::CircleStream;

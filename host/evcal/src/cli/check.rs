@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
 use evcal_calibrate::check::{Checked, check};
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::board_choice::BoardChoiceError;
 use evcal_detection::circles::file::open_events;
 use evcal_geometry::board::request::{BoardRequest, PrintSize};
 use serde::Serialize;

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use super::settings::read_settings;
-use evcal_calibrate::calibrate::board_choice::recognise_board;
+use evcal_calibrate::task::board_choice::recognise_board;
 use evcal_core::circle::Extraction;
 use evcal_detection::circles::file::{InputKind, open_events};
 use evcal_detection::circles::serial::SerialAddress;
 use evcal_detection::circles::stream::{self, CircleStream};
-use evcal_detection::detection::recognised::Recognised;
+use evcal_detection::detection::recognition::recognised::Recognised;
 use evcal_detection::detection::search::{
     FoundCircles, SearchFor, search_events_with_progress, search_stream, sensor_of,
 };

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use evcal_calibrate::calibrate::repeat::{RepeatSettings, Repetition, Run, repeat};
-use evcal_calibrate::calibrate::{PictureUse, Task};
+use evcal_calibrate::task::{PictureUse, Task};
 use evcal_detection::circles::file::open_events;
 
 use super::calibrate::MethodArguments;

@@ -9,10 +9,11 @@ use std::os::fd::{FromRawFd, IntoRawFd};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-use evcal_calibrate::calibrate::error::CalibrateError;
-use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::calibrate::step::Step;
-use evcal_calibrate::calibrate::{Task, calibrate};
+use evcal_calibrate::calibrate::calibrate;
+use evcal_calibrate::task::Task;
+use evcal_calibrate::task::error::CalibrateError;
+use evcal_calibrate::task::input::Input;
+use evcal_calibrate::task::step::Step;
 use event_recordings::{Recording, RecordingOptions};
 use serialport::TTYPort;
 use tempfile::TempDir;

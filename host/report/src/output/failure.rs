@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::report::drawing::circle_picture;
-use evcal_calibrate::calibrate::Task;
-use evcal_calibrate::calibrate::error::CalibrateError;
-use evcal_calibrate::calibrate::input::Input;
+use evcal_calibrate::task::Task;
+use evcal_calibrate::task::error::CalibrateError;
+use evcal_calibrate::task::input::Input;
 use evcal_detection::detection::DetectionReport;
 use evcal_detection::detection::search::{FoundCircles, SearchFor, search_events, sensor_of};
 use evcal_files::FileError;

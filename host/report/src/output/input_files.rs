@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use evcal_calibrate::calibrate::Task;
-use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::result::calibration_file::InputFile;
+use evcal_calibrate::task::Task;
+use evcal_calibrate::task::input::Input;
 use evcal_files::visible;
 use event_recordings::{Checksum, Files, RecordingError};
 use rayon::prelude::*;

@@ -8,17 +8,17 @@ use super::example_frames::{figure, scale};
 use super::number::count;
 use super::page::Section;
 use crate::report::drawing::{OFF, ON, Picture};
-use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration};
+use evcal_calibrate::task::Task;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
-use evcal_solve::solve::bearing_table::BearingTable;
-use evcal_solve::solve::board_ray::{BoardRay, is_in_front};
-use evcal_solve::solve::board_surface::{BoardGround, BoardSurface};
 use evcal_solve::solve::event_sample::{RankedEvent, Run};
-use evcal_solve::solve::pose_bin::PoseBin;
 use evcal_solve::solve::residual_statistics::Measured;
+use evcal_solve::solve::rows::bearing_table::BearingTable;
+use evcal_solve::solve::rows::board_ray::{BoardRay, is_in_front};
+use evcal_solve::solve::rows::board_surface::{BoardGround, BoardSurface};
+use evcal_solve::solve::rows::pose_bin::PoseBin;
 use evcal_solve::trajectory::Trajectory;
 
 /// Columns of the picture of the board: its pixels are smaller than sensor pixels.

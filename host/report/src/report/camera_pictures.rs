@@ -9,10 +9,10 @@ use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::picture_examples;
 use super::trusted_places::difference_cells;
-use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use evcal_calibrate::picture_calibration::calibration::{PictureReport, PictureSource};
 use evcal_calibrate::quality::cross_check::{Comparison, CrossCheckOutcome, PictureCrossCheck};
+use evcal_calibrate::task::Task;
 
 /// Returns the comparison and examples; `None` if the recordings contain no pictures.
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {

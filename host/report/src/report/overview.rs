@@ -5,11 +5,11 @@ use maud::{Markup, html};
 use super::number::{count, percent, signed};
 use super::page::figure;
 use evcal_calibrate::advice::Wording;
-use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::quality::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts};
+use evcal_calibrate::task::Task;
+use evcal_calibrate::task::input::Input;
 use evcal_core::sensor::Sensor;
 use evcal_solve::solve::residual_statistics::Measured;
 

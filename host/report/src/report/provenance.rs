@@ -6,10 +6,10 @@ use toml::{Table, Value};
 use super::ResultFile;
 use super::number::count;
 use super::page::{Section, scrolling};
-use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::result::calibration_file::InputFile;
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::Task;
 
 /// Returns the inputs of the calibration, and the command that repeats it.
 pub fn section(calibrated: &Calibrated, task: &Task, inputs: &[InputFile]) -> Option<Section> {

@@ -10,10 +10,10 @@ use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evide
 use evcal_calibrate::quality::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
 use evcal_calibrate::quality::residual_map::{ResidualMap, ResidualPattern};
 use evcal_core::event::Polarity;
-use evcal_solve::solve::burst::{BurstLength, RANK_COUNT};
-use evcal_solve::solve::event_bias::bias::Bias;
-use evcal_solve::solve::event_bias::{CLASS_COUNT, EventKind};
 use evcal_solve::solve::residual_statistics::Measured;
+use evcal_solve::solve::rows::burst::{BurstLength, RANK_COUNT};
+use evcal_solve::solve::rows::event_bias::bias::Bias;
+use evcal_solve::solve::rows::event_bias::{CLASS_COUNT, EventKind};
 
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 

@@ -9,8 +9,8 @@ use super::number::count;
 use super::page::{Section, scrolling};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::interval_choice::IntervalChoice;
+use evcal_solve::solve::equations::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_solve::solve::left_out::{LeftOut, Reason};
-use evcal_solve::solve::pose_covariance::{PoseCovariance, PoseSigma};
 use evcal_solve::solve::refinement::Refined;
 use evcal_solve::trajectory::Trajectory;
 

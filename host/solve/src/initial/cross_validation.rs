@@ -9,12 +9,14 @@ use evcal_core::sensor::Sensor;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
+use super::Posed;
+use super::drop_frame;
 use super::frame_pose::{FramePose, PoseError, settle_pose};
 use super::refit::{Frame, PixelRows, ProjectedCircle, Rejection, refit_circle};
 use super::report::{DropReason, InitialReport, ValidationCounts};
 use super::settings::{InitialSettings, MAX_MOTION_GAP};
+use super::settled;
 use super::sighting::{BoardPoint, Sighting};
-use super::{Posed, drop_frame, settled};
 use evcal_detection::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_geometry::board::{Board, CircleBoard};
 

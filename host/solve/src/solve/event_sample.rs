@@ -10,7 +10,7 @@ use std::hint::black_box;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::burst::{BurstBeginning, BurstLength, BurstPosition, BurstTracker};
+use crate::solve::rows::burst::{BurstBeginning, BurstLength, BurstPosition, BurstTracker};
 use evcal_detection::diagnosis::double_edges::FirstIntervals;
 use evcal_detection::diagnosis::lost_events::BurstPairs;
 

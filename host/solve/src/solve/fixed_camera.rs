@@ -1,16 +1,17 @@
 //! Trajectories along intervals outside the joint solve, with the camera and the biases of the events fixed.
 
+use super::Problem;
+use super::State;
 use super::association::AssociationReport;
-use super::bearing_table::BearingTable;
-use super::border::Columns;
 use super::knot_choice::choose_knots;
 use super::left_out::{LeftOut, leave_out};
 use super::levenberg::{assemble, solve};
 use super::observation_range::{observation_ranges, residuals_at};
 use super::refinement::{Associated, RefinementError, RefinementInput, StageSettings, associate_all, problem};
-use super::system::System;
 use super::unexplained::unexplained;
-use super::{Problem, State};
+use crate::solve::equations::border::Columns;
+use crate::solve::equations::system::System;
+use crate::solve::rows::bearing_table::BearingTable;
 
 /// Result along intervals with a fixed camera.
 pub struct Followed {

@@ -6,8 +6,10 @@ use std::ops::Range;
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::DMatrix;
 
-use super::system::Reduced;
-use super::{FreeParameters, Problem, SolveError};
+use super::FreeParameters;
+use super::Problem;
+use super::SolveError;
+use crate::solve::equations::system::Reduced;
 
 /// Fixed intrinsics.
 #[derive(Clone, Debug)]

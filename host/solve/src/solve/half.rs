@@ -6,13 +6,13 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::GLOBAL_COUNT;
-use super::border::Columns;
-use super::control_band::mean_diagonal;
-use super::loss::Loss;
-use super::normal::Equations;
-use super::smoothness::Acceleration;
-use super::stiffness::add_jerk;
-use super::system::TrajectoryPriors;
+use crate::solve::equations::border::Columns;
+use crate::solve::equations::control_band::mean_diagonal;
+use crate::solve::equations::normal::Equations;
+use crate::solve::equations::smoothness::Acceleration;
+use crate::solve::equations::stiffness::add_jerk;
+use crate::solve::equations::system::TrajectoryPriors;
+use crate::solve::rows::loss::Loss;
 use crate::trajectory::jerk::Jerk;
 
 /// Damping, relative to the diagonal: it keeps a parameter that the half does not determine where it is.
@@ -108,10 +108,10 @@ impl Half {
 mod tests {
     use super::*;
     use crate::solve::BOARD_PARAMETERS;
-    use crate::solve::bearing_table::BearingTable;
     use crate::solve::levenberg::{assemble, linearised};
     use crate::solve::observation_range::tests::example;
     use crate::solve::observation_range::{ObservationRange, observation_ranges};
+    use crate::solve::rows::bearing_table::BearingTable;
     use crate::trajectory::jerk::jerks;
 
     /// A half with all observations equals the whole, however they are cut into intervals.

@@ -13,13 +13,16 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::band::Band;
-use super::border::Columns;
-use super::knot_fit::{Displacement, KnotFit};
+use super::Problem;
+use super::SegmentObservations;
+use super::SolveError;
+use super::State;
 use super::levenberg::assemble;
 use super::observation_range::observation_ranges;
-use super::stiffness::{Stiffness, weigh_jerks};
-use super::{Problem, SegmentObservations, SolveError, State};
+use crate::solve::equations::band::Band;
+use crate::solve::equations::border::Columns;
+use crate::solve::equations::knot_fit::{Displacement, KnotFit};
+use crate::solve::equations::stiffness::{Stiffness, weigh_jerks};
 use crate::trajectory::knot_grid::{KnotGrid, KnotSettings, cheapest_levels};
 use crate::trajectory::{CONTROL_POINT_PARAMETERS as CONTROL_POINT, Trajectory};
 use evcal_geometry::numerics::statistics::median;

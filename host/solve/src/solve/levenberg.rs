@@ -5,15 +5,22 @@ use std::ops::ControlFlow;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-use super::bearing_table::BearingTable;
-use super::border::Columns;
+use super::BOARD_INDEX;
+use super::GLOBAL_COUNT;
+use super::ITERATIONS;
+use super::Problem;
+use super::SolveError;
+use super::SolveReport;
+use super::State;
+use super::bias_index;
 use super::lens_step::{ObservedPixel, observed_pixels, stepped};
-use super::normal::Equations;
 use super::observation_range::{ObservationRange, RANGES_TOGETHER, linearise, observation_ranges};
-use super::system::{Step, System};
-use super::{BOARD_INDEX, GLOBAL_COUNT, ITERATIONS, Problem, SolveError, SolveReport, State, bias_index};
-use crate::solve::event_bias::CLASS_COUNT;
-use crate::solve::event_bias::bias::Bias;
+use crate::solve::equations::border::Columns;
+use crate::solve::equations::normal::Equations;
+use crate::solve::equations::system::{Step, System};
+use crate::solve::rows::bearing_table::BearingTable;
+use crate::solve::rows::event_bias::CLASS_COUNT;
+use crate::solve::rows::event_bias::bias::Bias;
 use evcal_geometry::board::shape::BoardShape;
 
 /// Cost of an observation that leaves a camera model's domain or the trajectories, in units of the mean cost of an observation, so

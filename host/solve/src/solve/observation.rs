@@ -13,9 +13,9 @@ pub struct EventObservation {
     pub y: u16,
     /// Index of the edge in the board's list of edges.
     pub edge: u16,
-    /// Event class (see [`crate::solve::event_bias::EventKind::class`]).
+    /// Event class (see [`crate::solve::rows::event_bias::EventKind::class`]).
     pub class: u8,
-    /// Range of the edge's normal speed (see [`crate::solve::event_bias::speed_range`]).
+    /// Range of the edge's normal speed (see [`crate::solve::rows::event_bias::speed_range`]).
     pub speed_range: u8,
 }
 

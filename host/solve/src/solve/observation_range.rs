@@ -5,23 +5,25 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use super::band::Band;
-use super::bearing_table::BearingTable;
-use super::border::Columns;
-use super::edge_batch::{BatchEvent, EdgeBatch, LANES};
-use super::event_row::ROW_RESIDUAL;
-use super::loss::Loss;
-use super::normal::Equations;
+use super::Problem;
+use super::SolveError;
+use super::State;
 use super::observation::{EventObservation, SegmentObservations};
-use super::point_row::point_rows;
-use super::pose_bin::PoseBin;
-use super::pose_products::PoseProducts;
-use super::row_batch::RowBatch;
-use super::row_products::{RowProducts, single};
-use super::{Problem, SolveError, State};
-use crate::solve::event_bias::bias::Bias;
-use crate::solve::event_bias::robust::ClassResidual;
-use crate::solve::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
+use crate::solve::equations::band::Band;
+use crate::solve::equations::border::Columns;
+use crate::solve::equations::normal::Equations;
+use crate::solve::equations::pose_products::PoseProducts;
+use crate::solve::rows::bearing_table::BearingTable;
+use crate::solve::rows::edge_batch::{BatchEvent, EdgeBatch, LANES};
+use crate::solve::rows::event_bias::bias::Bias;
+use crate::solve::rows::event_bias::robust::ClassResidual;
+use crate::solve::rows::event_bias::{CLASS_COUNT, SPEED_RANGE_COUNT};
+use crate::solve::rows::event_row::ROW_RESIDUAL;
+use crate::solve::rows::loss::Loss;
+use crate::solve::rows::point_row::point_rows;
+use crate::solve::rows::pose_bin::PoseBin;
+use crate::solve::rows::row_batch::RowBatch;
+use crate::solve::rows::row_products::{RowProducts, single};
 use evcal_detection::circles::reference_frame::PointObservation;
 use evcal_geometry::numerics::huber::huber;
 
@@ -322,11 +324,11 @@ pub(crate) mod tests {
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::solve::board_edge::BoardEdges;
-    use crate::solve::event_bias::bias::Biases;
-    use crate::solve::event_bias::unknown;
     use crate::solve::levenberg::{linearised, moved};
     use crate::solve::observation::EventBin;
+    use crate::solve::rows::board_edge::BoardEdges;
+    use crate::solve::rows::event_bias::bias::Biases;
+    use crate::solve::rows::event_bias::unknown;
     use crate::solve::{
         BOARD_INDEX, BOARD_PARAMETERS, FreeParameters, GLOBAL_COUNT, ITERATIONS, ResidualMeasure, bias_index,
     };

@@ -11,12 +11,6 @@ use evcal_core::settings::at_least;
 use serde::{Deserialize, Serialize};
 
 use crate::solve::association::{AssociationContext, AssociationReport, AssociationSettings, Associator, Observed};
-use crate::solve::bearing_table::BearingTable;
-use crate::solve::board_edge::BoardEdges;
-use crate::solve::event_bias::bias::{Bias, Biases};
-use crate::solve::event_bias::first_events::{common_delay, shift_clock};
-use crate::solve::event_bias::robust::{ClassResidual, class_spreads, common_spread, shift_offsets};
-use crate::solve::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
 use crate::solve::event_sample::RankedEvent;
 use crate::solve::knot_choice::{KnotReport, choose_knots};
 use crate::solve::left_out::{LeftOut, leave_out};
@@ -24,6 +18,12 @@ use crate::solve::levenberg::{OF_CAMERA, Schedule, Solved, solve_with_progress};
 use crate::solve::observation::SegmentObservations;
 use crate::solve::observation_range::{EventResidual, residuals_and_scale, residuals_at};
 use crate::solve::residual_statistics::{ResidualStatistics, residual_statistics};
+use crate::solve::rows::bearing_table::BearingTable;
+use crate::solve::rows::board_edge::BoardEdges;
+use crate::solve::rows::event_bias::bias::{Bias, Biases};
+use crate::solve::rows::event_bias::first_events::{common_delay, shift_clock};
+use crate::solve::rows::event_bias::robust::{ClassResidual, class_spreads, common_spread, shift_offsets};
+use crate::solve::rows::event_bias::{CLASS_COUNT, CLASSES_OF_LENGTH, EventBias, is_own_bias, is_shared_bias, unknown};
 use crate::solve::unexplained::unexplained;
 use crate::solve::{
     BOARD_PARAMETERS, FreeParameters, HUBER, ITERATIONS, Problem, ResidualMeasure, SolveError, SolveReport,

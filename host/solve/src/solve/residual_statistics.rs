@@ -4,8 +4,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::Problem;
+use super::State;
 use super::observation_range::{EventResidual, point_residuals};
-use super::{Problem, State};
 use evcal_geometry::numerics::statistics::median;
 
 /// Statistics of the distances of observations from their predicted positions.

@@ -5,10 +5,11 @@
 
 use rayon::prelude::*;
 
+use super::Problem;
+use super::State;
 use super::left_out::{LeftOut, Reason};
 use super::observation::SegmentObservations;
 use super::observation_range::EventResidual;
-use super::{Problem, State};
 use crate::trajectory::Trajectory;
 use evcal_geometry::numerics::statistics::median;
 
@@ -111,11 +112,11 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
-    use crate::solve::board_edge::BoardEdges;
-    use crate::solve::event_bias::bias::Biases;
-    use crate::solve::event_bias::{CLASS_COUNT, unknown};
     use crate::solve::left_out::{covers, leave_out};
     use crate::solve::observation::EventBin;
+    use crate::solve::rows::board_edge::BoardEdges;
+    use crate::solve::rows::event_bias::bias::Biases;
+    use crate::solve::rows::event_bias::{CLASS_COUNT, unknown};
     use crate::solve::{BOARD_PARAMETERS, FreeParameters, HUBER, ITERATIONS, ResidualMeasure};
     use crate::trajectory::{RotationControl, Trajectory};
     use evcal_geometry::board::shape::{BoardShape, CircleArea};

@@ -1,7 +1,7 @@
 //! Distribution of the residuals of event classes.
 
-use evcal_solve::solve::event_bias::EventKind;
 use evcal_solve::solve::observation_range::EventResidual;
+use evcal_solve::solve::rows::event_bias::EventKind;
 
 /// Residuals beyond this are counted in the outermost bins (px).
 pub const BOUND: f64 = 1.5;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use evcal_solve::solve::system::{Contribution, PackedContribution};
+use evcal_solve::solve::equations::system::{Contribution, PackedContribution};
 
 /// Sums the contributions of observations over even blocks of about `length` seconds. Contributions come from intervals that
 /// begin at `starts` (segment, seconds).

@@ -11,12 +11,12 @@ use crate::second_camera::mount::{COUNT, LINE_DELAY, MOST, Mount, OFFSET, RATE, 
 use crate::second_camera::start::tests::{first_pose, fitted_to};
 use evcal_detection::circles::reference_frame::PointObservation;
 use evcal_geometry::board::shape::{BoardShape, CircleArea};
-use evcal_solve::solve::board_edge::BoardEdges;
-use evcal_solve::solve::event_bias::bias::{Bias, Biases};
-use evcal_solve::solve::event_bias::{CLASS_COUNT, unknown};
 use evcal_solve::solve::levenberg::moved;
 use evcal_solve::solve::observation::{EventBin, EventObservation, SegmentObservations};
 use evcal_solve::solve::observation_range::observation_ranges;
+use evcal_solve::solve::rows::board_edge::BoardEdges;
+use evcal_solve::solve::rows::event_bias::bias::{Bias, Biases};
+use evcal_solve::solve::rows::event_bias::{CLASS_COUNT, unknown};
 use evcal_solve::solve::{BOARD_PARAMETERS, FreeParameters, ITERATIONS, ResidualMeasure, State, bias_index};
 use evcal_solve::trajectory::Trajectory;
 

@@ -3,21 +3,21 @@
 use std::error::Error;
 
 use evcal_calibrate::advice::Advice;
-use evcal_calibrate::calibrate::board_choice::BoardChoiceError;
-use evcal_calibrate::calibrate::error::CalibrateError;
-use evcal_calibrate::calibrate::parameter_request::ParameterError;
 use evcal_calibrate::calibrate::repeat::{RepeatError, shorter_parts};
 use evcal_calibrate::evaluate::captured::CapturedError;
 use evcal_calibrate::evaluate::comparison::{CompareError, TrajectoryOf};
 use evcal_calibrate::inertial::error::{IN_DEGREES, IN_G, InertialError};
 use evcal_calibrate::picture_calibration::calibration::PictureFailure;
 use evcal_calibrate::second_camera::error::SecondCameraError;
+use evcal_calibrate::task::board_choice::BoardChoiceError;
+use evcal_calibrate::task::error::CalibrateError;
+use evcal_calibrate::task::parameter_request::ParameterError;
 use evcal_calibrate::undistort::target::TargetError;
 use evcal_core::circle::Extraction;
 use evcal_detection::circles::file::EventsError;
 use evcal_detection::detection::no_board::NoBoard;
-use evcal_detection::detection::other_board::OtherReading;
-use evcal_detection::detection::radius::OtherRadius;
+use evcal_detection::detection::recognition::other_board::OtherReading;
+use evcal_detection::detection::recognition::radius::OtherRadius;
 use evcal_detection::detection::{NoPattern, NoPatternCause};
 use evcal_geometry::board::sheet::DoesNotFit;
 use evcal_geometry::board::{BoardError, BoardProblem, CircleBoardError};

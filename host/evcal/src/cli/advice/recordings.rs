@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use evcal_calibrate::calibrate::error::CalibrateError;
+use evcal_calibrate::task::error::CalibrateError;
 use evcal_core::sensor::Sensor;
 use evcal_detection::detection::search::SearchError;
 use evcal_files::folder::FolderError;

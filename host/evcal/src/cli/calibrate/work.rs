@@ -4,22 +4,23 @@ use std::fmt;
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
-use evcal_calibrate::calibrate::board_choice::{LargerBoard, larger_board};
+use evcal_calibrate::calibrate::calibrate;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::calibrate::error::CalibrateError;
 use evcal_calibrate::calibrate::inertia::calibrate_inertial;
-use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::calibrate::parameter_request::ParameterRequests;
 use evcal_calibrate::calibrate::second::{
     calibrate_against_first, calibrate_lens_separately, calibrate_own_pictures, picture_use_of_second,
 };
-use evcal_calibrate::calibrate::step::Step;
-use evcal_calibrate::calibrate::{PictureUse, Task, calibrate};
 use evcal_calibrate::inertial::error::InertialError;
 use evcal_calibrate::quality::verdict::{Cause, Grade};
 use evcal_calibrate::result::device_verdicts::{device_verdicts, worst_grade};
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::board_choice::{LargerBoard, larger_board};
+use evcal_calibrate::task::error::CalibrateError;
+use evcal_calibrate::task::input::Input;
+use evcal_calibrate::task::parameter_request::ParameterRequests;
+use evcal_calibrate::task::step::Step;
+use evcal_calibrate::task::{PictureUse, Task};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_files::visible;

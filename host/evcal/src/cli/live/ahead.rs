@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{Scope, ScopedJoinHandle};
 
-use evcal_calibrate::calibrate::board_choice::confirm_board;
-use evcal_calibrate::calibrate::input::Input;
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::board_choice::confirm_board;
+use evcal_calibrate::task::input::Input;
 use evcal_geometry::board::Board;
 use evcal_live::background::workers;
 use event_recordings::{Recording, RecordingOptions};

@@ -4,11 +4,11 @@ use std::io;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use evcal_calibrate::calibrate::Task;
 use evcal_calibrate::calibrate::beginning::calibrate_beginning;
-use evcal_calibrate::calibrate::input::Input;
-use evcal_calibrate::calibrate::step::Step;
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::Task;
+use evcal_calibrate::task::input::Input;
+use evcal_calibrate::task::step::Step;
 use evcal_geometry::board::Board;
 use evcal_live::checkpoint::{Checkpoints, ReportTime, ReportedAccuracy, RunningCalibration};
 use evcal_solve::initial::model_choice::ModelRequest;
