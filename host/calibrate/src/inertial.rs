@@ -7,7 +7,6 @@
 pub mod calibration;
 pub mod csv;
 pub mod error;
-pub mod finding;
 pub mod findings;
 pub mod joint;
 pub mod noise;
@@ -28,7 +27,6 @@ use nalgebra::{DMatrix, Vector3};
 
 use calibration::InertialCalibration;
 use error::InertialError;
-use finding::Finding;
 use findings::findings;
 use joint::{Estimate, Joint};
 use parameters::{COUNT, ROTATION};
@@ -159,7 +157,7 @@ pub fn calibrate_unit(
     if !(ROTATION..ROTATION + 3).all(|axis| calibration.sigma(axis) < LEAST_KNOWN_ROTATION) {
         return Err(InertialError::Singular);
     }
-    let damaged = lost.into_iter().map(|what| Finding::Damaged { what });
+    let damaged = lost.iter().map(|what| findings::damaged(what));
     Ok(InertialCalibration { findings: findings(&calibration).into_iter().chain(damaged).collect(), ..calibration })
 }
 

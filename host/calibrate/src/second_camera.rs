@@ -9,7 +9,6 @@ pub mod calibration;
 mod carried;
 pub mod error;
 pub mod estimate;
-pub mod finding;
 pub mod findings;
 pub mod frames;
 pub mod joint;

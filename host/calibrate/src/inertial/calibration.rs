@@ -5,11 +5,11 @@ use std::ops::Range;
 use evcal_core::camera::Camera;
 use nalgebra::DMatrix;
 
-use super::finding::Finding;
 use super::joint::{Noise, Residual};
 use super::noise::Line;
 use super::parameters::{BOARD_SCALE, COUNT, InertialParameters};
 use super::stream::StreamReport;
+use crate::quality::verdict::Finding;
 
 /// Ratio of σ to its prior value from which a parameter counts as not measured.
 const PRIOR_SHARE: f64 = 0.5;

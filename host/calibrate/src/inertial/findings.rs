@@ -4,7 +4,6 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::calibration::InertialCalibration;
 use super::error::InertialError;
-use super::finding::Finding;
 use super::parameters::{
     ACCELEROMETER_BIAS, ACCELEROMETER_DELAY, ACCELEROMETER_MATRIX, BOARD_SCALE, CLOCK_DRIFT, GYROSCOPE_DELAY,
     GYROSCOPE_MATRIX, POSITION, ROTATION, TRIANGLE,
@@ -12,6 +11,9 @@ use super::parameters::{
 use super::sample::Sample;
 use super::stream::StreamReport;
 use super::timing::Timing;
+use crate::advice::Advice;
+use crate::quality::verdict::{Cause, Finding, Severity};
+use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
 /// σ from which a position counts as not measured (m).
 const POSITION_LIMIT: f64 = 0.01;
@@ -39,81 +41,212 @@ const LOOSE: f64 = 12.0;
 const MOVED: f64 = 2.0;
 /// The same for fixed intrinsics.
 const OTHER: f64 = 5.0;
+/// Advice on timestamps.
+const STAMP_EACH: &str = "stamp each sample with the time at which it was taken";
+const STAMP_WHEN_TAKEN: &str = "stamp samples when they are taken, not when they arrive";
 /// Ratio of the residuals to the signal above which the model does not fit.
 const UNEXPLAINED: f64 = 0.3;
 
-/// Returns the problems of `calibration`.
+/// Returns the problems of `calibration`, and quantities that were not measured.
 pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
-    let mut findings = Vec::new();
+    let mut findings: Vec<Finding> =
+        unmeasured_axes(calibration).into_iter().map(|(axis, _)| position_not_measured(axis)).collect();
     let sigma = |index: usize| calibration.sigma(index);
-    for (axis, sigma) in unmeasured_axes(calibration) {
-        findings.push(Finding::PositionNotMeasured { axis, sigma });
-    }
-    let rotation = (0..3).map(|axis| sigma(ROTATION + axis)).fold(0.0, f64::max);
-    if rotation > ROTATION_LIMIT {
-        findings.push(Finding::RotationNotMeasured { sigma: rotation });
+    if (0..3).map(|axis| sigma(ROTATION + axis)).fold(0.0, f64::max) > ROTATION_LIMIT {
+        findings.push(Finding::new(
+            Cause::RotationNotMeasured,
+            Severity::Failure,
+            "the rotation of the IMU was not measured".to_owned(),
+            "rotate the camera about two of its axes",
+        ));
     }
     let timing = calibration.streams.iter().map(|stream| stream.timing.uncertainty()).fold(0.0, f64::max);
     for (sensor, delay) in [("gyroscope", GYROSCOPE_DELAY), ("accelerometer", ACCELEROMETER_DELAY)] {
         // Timestamps that do not belong to the samples have a finding of their own.
         if sigma(delay).powi(2) - timing.powi(2) > DELAY_LIMIT.powi(2) {
-            findings.push(Finding::DelayNotMeasured { sensor });
+            findings.push(Finding::new(
+                Cause::DelayNotMeasured,
+                Severity::Failure,
+                format!("the delay of the {sensor} was not measured"),
+                "rotate the camera back and forth, not at a constant rate",
+            ));
         }
     }
-    if !calibration.is_measured(ACCELEROMETER_MATRIX..ACCELEROMETER_MATRIX + TRIANGLE.len()) {
-        findings.push(Finding::AccelerometerNotMeasured);
-    } else if calibration.tilt < LEAST_TILT {
-        let sigma = (0..3).map(|axis| sigma(ACCELEROMETER_BIAS + axis)).fold(0.0, f64::max);
-        findings.push(Finding::HardlyTilted { tilt: calibration.tilt, sigma });
-    }
+    findings.extend(about_accelerometer(calibration));
     if !calibration.is_measured(GYROSCOPE_MATRIX..GYROSCOPE_MATRIX + TRIANGLE.len()) {
-        findings.push(Finding::GyroscopeNotMeasured);
+        findings.push(Finding::new(
+            Cause::GyroscopeNotMeasured,
+            Severity::Warning,
+            "scale and misalignment of the gyroscope were not measured".to_owned(),
+            "rotate about all three axes of the camera",
+        ));
     }
     let drift = calibration.parameters.clock_drift;
     if drift.abs() > DRIFT.max(CERTAIN * sigma(CLOCK_DRIFT)) {
-        findings.push(Finding::ClockDrift { drift, sigma: sigma(CLOCK_DRIFT) });
+        findings.push(Finding::new(
+            Cause::ClockRate,
+            Severity::Note,
+            format!(
+                "the IMU's clock drifts by {:.0} ± {:.0} ppm against the events' clock, and delays apply to the middle of the recording",
+                1e6 * drift,
+                1e6 * sigma(CLOCK_DRIFT)
+            ),
+            "put both on one clock",
+        ));
     }
     findings.extend(calibration.streams.iter().filter_map(|stream| about_timing(stream, calibration)));
-    let largest = |share: fn(&StreamReport) -> f64| calibration.streams.iter().map(share).fold(0.0, f64::max);
-    let (missing, saturated) = (largest(|stream| stream.missing), largest(|stream| stream.saturated));
-    if missing > MISSING {
-        findings.push(Finding::Missing { share: missing });
-    }
-    let left_out = largest(|stream| stream.out_of_order as f64 / (stream.out_of_order + stream.samples).max(1) as f64);
-    if left_out > MISSING {
-        findings.push(Finding::LeftOut { share: left_out });
-    }
-    if saturated > SATURATED {
-        findings.push(Finding::Saturated { share: saturated });
-    }
+    findings.extend(about_losses(&calibration.streams));
     let (scale, of_scale) = (calibration.parameters.board_scale, sigma(BOARD_SCALE).hypot(LINEARITY));
     if (scale - 1.0).abs() > 3.0 * of_scale {
-        findings.push(Finding::BoardSpacing { scale, sigma: of_scale });
+        findings.push(Finding::new(
+            Cause::BoardSpacing,
+            Severity::Warning,
+            format!("the board seems to be {scale:.4} ± {of_scale:.4} of its stated size"),
+            "measure its spacing with a ruler",
+        ));
     }
     let loose = calibration.block_scatter > LOOSE;
     if loose {
-        findings.push(Finding::Loose { scatter: calibration.block_scatter });
+        findings.push(Finding::new(
+            Cause::Loose,
+            Severity::Failure,
+            "parts of the recording disagree on the position of the IMU".to_owned(),
+            "fix it to the camera, or check for vibration",
+        ));
     }
-    let distance = calibration.camera_moved.unwrap_or(0.0);
-    match calibration.fixed {
-        // A loose IMU affects the camera, too.
-        None if distance > MOVED && !loose => findings.push(Finding::CameraMoved { sigmas: distance }),
-        Some(_) if distance > OTHER => findings.push(Finding::OtherCamera { sigmas: distance }),
-        _ => {}
+    // A loose IMU affects the camera, too.
+    findings.extend(about_camera(calibration).filter(|_| !loose || calibration.fixed.is_some()));
+    findings
+}
+
+fn position_not_measured(axis: usize) -> Finding {
+    let (name, others) = [("x", "y or z"), ("y", "x or z"), ("z", "x or y")][axis.min(2)];
+    Finding::new(
+        Cause::PositionNotMeasured,
+        Severity::Failure,
+        format!("the lever arm along the camera's {name} was not measured"),
+        Advice::Plain(format!("rotate quickly about {others} too")),
+    )
+}
+
+fn about_accelerometer(calibration: &InertialCalibration) -> Option<Finding> {
+    const ADVICE: &str = "tilt the camera by more than 30 degrees to all sides";
+    if !calibration.is_measured(ACCELEROMETER_MATRIX..ACCELEROMETER_MATRIX + TRIANGLE.len()) {
+        let reason =
+            "scale and misalignment of the accelerometer were not measured and make its bias and gravity less certain";
+        return Some(Finding::new(Cause::AccelerometerNotMeasured, Severity::Warning, reason.to_owned(), ADVICE));
+    }
+    (calibration.tilt < LEAST_TILT).then(|| {
+        let sigma = (0..3).map(|axis| calibration.sigma(ACCELEROMETER_BIAS + axis)).fold(0.0, f64::max);
+        let reason = format!(
+            "the camera was tilted by {:.0}° at most, so the accelerometer's bias and the direction of gravity are known to only {:.1} mg",
+            calibration.tilt.to_degrees(),
+            1e3 * sigma / STANDARD_GRAVITY
+        );
+        Finding::new(Cause::HardlyTilted, Severity::Warning, reason, ADVICE)
+    })
+}
+
+/// Returns the findings on samples that are missing, without a time of their own, or saturated.
+fn about_losses(streams: &[StreamReport]) -> Vec<Finding> {
+    let largest = |share: fn(&StreamReport) -> f64| streams.iter().map(share).fold(0.0, f64::max);
+    let missing = largest(|stream| stream.missing);
+    let left_out = largest(|stream| stream.out_of_order as f64 / (stream.out_of_order + stream.samples).max(1) as f64);
+    let saturated = largest(|stream| stream.saturated);
+    let mut findings = Vec::new();
+    if missing > MISSING {
+        findings.push(Finding::new(
+            Cause::MissingSamples,
+            Severity::Note,
+            format!("{:.1} % of the IMU samples are missing", 100.0 * missing),
+            "check for a slow disk or a full buffer",
+        ));
+    }
+    if left_out > MISSING {
+        findings.push(Finding::new(
+            Cause::LeftOutSamples,
+            Severity::Warning,
+            format!(
+                "{:.1} % of the IMU samples are not later than the samples before them and were left out",
+                100.0 * left_out
+            ),
+            STAMP_EACH,
+        ));
+    }
+    if saturated > SATURATED {
+        findings.push(Finding::new(
+            Cause::SaturatedSamples,
+            Severity::Note,
+            format!("{:.1} % of the IMU samples are saturated and were excluded", 100.0 * saturated),
+            "set a larger range",
+        ));
     }
     findings
 }
 
+/// Returns the finding on the difference between the camera and its separate calibration.
+fn about_camera(calibration: &InertialCalibration) -> Option<Finding> {
+    let sigmas = calibration.camera_moved.unwrap_or(0.0);
+    match calibration.fixed {
+        None => (sigmas > MOVED).then(|| {
+            Finding::new(
+                Cause::CameraMoved,
+                Severity::Warning,
+                format!("the solve with the IMU changed an intrinsic parameter by {sigmas:.1} σ"),
+                "fix the intrinsics at the values of a slower recording",
+            )
+        }),
+        Some(_) => (sigmas > OTHER).then(|| {
+            Finding::new(
+                Cause::OtherCamera,
+                Severity::Warning,
+                format!("the fixed intrinsics differ by {sigmas:.1} σ from the values of this recording"),
+                "use a calibration of the same lens with the same focus",
+            )
+        }),
+    }
+}
+
+/// Returns the finding on samples that could not be read; `what` describes the loss and its cause.
+pub fn damaged(what: &str) -> Finding {
+    Finding::new(
+        Cause::DamagedSamples,
+        Severity::Note,
+        format!("the recording is damaged, and IMU samples were lost: {what}"),
+        "record again if they matter",
+    )
+}
+
 /// Returns the finding on timestamps that do not belong to the samples.
 fn about_timing(stream: &StreamReport, calibration: &InertialCalibration) -> Option<Finding> {
-    match stream.timing {
-        Timing::Own => None,
+    let (cause, severity, reason, advice) = match stream.timing {
+        Timing::Own => return None,
         Timing::Groups { samples, interval } => {
-            Some(Finding::Groups { samples, interval, delay: calibration.parameters.gyroscope_delay })
+            let delay = calibration.parameters.gyroscope_delay;
+            let reason = format!(
+                "{samples} IMU samples, as a rule, share one timestamp; they were spread evenly over the {:.2} ms up to it. The recording does not contain the sample to which a timestamp belongs, so no delay is certain: if it is the last one, timestamps of the gyroscope are {:.3} ms {} than events",
+                1e3 * interval,
+                1e3 * delay.abs(),
+                if delay < 0.0 { "earlier" } else { "later" }
+            );
+            (Cause::SharedTimestamps, Severity::Warning, reason, STAMP_EACH)
         }
-        Timing::Even { scatter } => Some(Finding::Scattered { scatter }),
-        Timing::Sorted { scatter } => Some(Finding::Irregular { scatter }),
-    }
+        Timing::Even { scatter } => {
+            let reason = format!(
+                "the timestamps of the IMU scatter by {:.2} ms (rms), more than the samples are apart: samples were placed evenly in the order in which they arrived, and the delays refer to the mean timestamp",
+                1e3 * scatter
+            );
+            (Cause::ScatteredTimestamps, Severity::Warning, reason, STAMP_WHEN_TAKEN)
+        }
+        Timing::Sorted { scatter } => {
+            let reason = format!(
+                "the timestamps of the IMU scatter by {:.2} ms (rms), more than the samples are apart, and the samples do not arrive at a constant rate, so their times are not known",
+                1e3 * scatter
+            );
+            (Cause::IrregularTimestamps, Severity::Failure, reason, STAMP_WHEN_TAKEN)
+        }
+    };
+    Some(Finding::new(cause, severity, reason, advice))
 }
 
 /// Returns the axes of the camera along which the IMU's position was not measured, with σ.

@@ -144,6 +144,44 @@ pub enum Cause {
     OrientationNotChecked,
     /// The image is mirrored.
     MirroredImage,
+    /// The position of a device on the mount was not measured.
+    PositionNotMeasured,
+    /// The rotation of a device on the mount was not measured.
+    RotationNotMeasured,
+    /// The delay or the offset of a clock was not measured.
+    DelayNotMeasured,
+    /// Scale and misalignment of the accelerometer cannot be separated from its bias and gravity.
+    AccelerometerNotMeasured,
+    /// The camera was hardly tilted: gravity cannot be separated from the accelerometer's bias.
+    HardlyTilted,
+    /// Scale and misalignment of the gyroscope were not measured.
+    GyroscopeNotMeasured,
+    /// Two clocks run at different rates.
+    ClockRate,
+    /// Samples of the IMU are missing.
+    MissingSamples,
+    /// Samples of the IMU have no time of their own, and were left out.
+    LeftOutSamples,
+    /// Several samples of the IMU share each timestamp.
+    SharedTimestamps,
+    /// Timestamps of the IMU scatter by more than the time between samples.
+    ScatteredTimestamps,
+    /// The same, and samples do not arrive at a constant rate.
+    IrregularTimestamps,
+    /// Samples of the IMU could not be read.
+    DamagedSamples,
+    /// Samples of the IMU are saturated.
+    SaturatedSamples,
+    /// The board's spacing differs from the stated one, according to the accelerometer.
+    BoardSpacing,
+    /// The solve with a device changed the camera.
+    CameraMoved,
+    /// A device is not fixed to the camera.
+    Loose,
+    /// Two cameras did not see the board at the same time.
+    NotSeenTogether,
+    /// A rolling shutter was requested, and none was found.
+    NoLineDelay,
 }
 
 /// A reason for caution. Its advice is data, or a `String` in the words of a program.
@@ -157,6 +195,24 @@ pub struct Finding<A = Advice> {
     pub reason: String,
     /// The recommended action.
     pub advice: A,
+}
+
+impl Finding {
+    /// Returns the finding with this advice.
+    pub fn new(cause: Cause, severity: Severity, reason: String, advice: impl Into<Advice>) -> Self {
+        Self { cause, severity, reason, advice: advice.into() }
+    }
+}
+
+impl<A: fmt::Display> fmt::Display for Finding<A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mark = match self.severity {
+            Severity::Note => "note",
+            Severity::Warning => "warning",
+            Severity::Failure => "failure",
+        };
+        write!(f, "{mark}: {}; {}", self.reason, self.advice)
+    }
 }
 
 /// The verdict.
@@ -193,15 +249,7 @@ impl Verdict {
 impl<A: fmt::Display> fmt::Display for Verdict<A> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.sentence)?;
-        for finding in &self.findings {
-            let mark = match finding.severity {
-                Severity::Note => "note",
-                Severity::Warning => "warning",
-                Severity::Failure => "failure",
-            };
-            write!(f, "\n  {mark}: {}; {}", finding.reason, finding.advice)?;
-        }
-        Ok(())
+        self.findings.iter().try_for_each(|finding| write!(f, "\n  {finding}"))
     }
 }
 

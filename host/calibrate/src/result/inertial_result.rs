@@ -6,7 +6,6 @@ use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::inertial::calibration::InertialCalibration;
-use crate::inertial::finding::Finding;
 use crate::inertial::findings::{DELAY_LIMIT, LINEARITY};
 use crate::inertial::joint::Noise;
 use crate::inertial::parameters::{
@@ -14,7 +13,7 @@ use crate::inertial::parameters::{
     GYROSCOPE_DELAY, GYROSCOPE_MATRIX, GYROSCOPE_TURN, POSITION, ROTATION, TRIANGLE,
 };
 use crate::inertial::stream::StreamReport;
-use crate::quality::verdict::{Grade, Severity};
+use crate::quality::verdict::{Cause, Grade};
 use crate::result::correlated::{POSE_NAMES, correlated};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
@@ -143,29 +142,6 @@ pub struct InertialResult {
     pub findings: Vec<String>,
 }
 
-/// Returns the grade of a calibrated IMU.
-pub fn grade(calibration: &InertialCalibration) -> Grade {
-    Grade::of(calibration.findings.iter().map(|finding| match finding {
-        Finding::PositionNotMeasured { .. }
-        | Finding::RotationNotMeasured { .. }
-        | Finding::DelayNotMeasured { .. }
-        | Finding::Irregular { .. }
-        | Finding::Loose { .. } => Severity::Failure,
-        Finding::AccelerometerNotMeasured
-        | Finding::HardlyTilted { .. }
-        | Finding::GyroscopeNotMeasured
-        | Finding::BoardSpacing { .. }
-        | Finding::LeftOut { .. }
-        | Finding::Groups { .. }
-        | Finding::Scattered { .. }
-        | Finding::CameraMoved { .. }
-        | Finding::OtherCamera { .. } => Severity::Warning,
-        Finding::ClockDrift { .. } | Finding::Missing { .. } | Finding::Damaged { .. } | Finding::Saturated { .. } => {
-            Severity::Note
-        }
-    }))
-}
-
 impl InertialResult {
     /// Returns the result of `calibration`.
     pub fn new(calibration: &InertialCalibration) -> Self {
@@ -174,8 +150,7 @@ impl InertialResult {
         let three = |first: usize| std::array::from_fn(|axis| sigma(first + axis));
         let unmeasured = crate::inertial::findings::unmeasured_axes(calibration);
         let aligned = |axis: usize| sigma(POSITION + axis) <= 0.01 && unmeasured.iter().all(|(one, _)| *one != axis);
-        let rotation_lost =
-            calibration.findings.iter().any(|finding| matches!(finding, Finding::RotationNotMeasured { .. }));
+        let rotation_lost = calibration.findings.iter().any(|finding| finding.cause == Cause::RotationNotMeasured);
         let rms = calibration.residual_rms();
         let sensor =
             |index: usize, delay: (f64, usize), bias: (&Vector3<f64>, usize), matrix: (&Matrix3<f64>, usize)| {
@@ -198,7 +173,7 @@ impl InertialResult {
             };
         let whole: Matrix4<f64> = parameters.imu_from_camera().to_homogeneous();
         let mut result = Self {
-            grade: grade(calibration),
+            grade: Grade::of(calibration.findings.iter().map(|finding| finding.severity)),
             verdict: String::new(),
             imu_from_camera: (unmeasured.is_empty() && !rotation_lost).then(|| whole.transpose().into()),
             rotation_sigma: three(ROTATION),
@@ -332,7 +307,7 @@ impl InertialResult {
             let _ = write!(text, "\n  {one} and {other} are correlated by {value:.2}");
         }
         for finding in &self.findings {
-            let _ = write!(text, "\n  note: {finding}");
+            let _ = write!(text, "\n  {finding}");
         }
         text
     }

@@ -7,11 +7,10 @@ use nalgebra::{Isometry3, RowDVector, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::mounted::{SecondCamera, SecondFrames};
-use crate::quality::verdict::{Grade, Severity};
+use crate::quality::verdict::{Cause, Grade};
 use crate::result::correlated::{POSE_NAMES, correlated};
 use crate::result::inertial_result::Uncertain;
 use crate::second_camera::calibration::SecondCalibration;
-use crate::second_camera::finding::Finding;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::rigid::pose_of_rows;
@@ -152,23 +151,6 @@ pub struct SecondCameraResult {
     pub findings: Vec<String>,
 }
 
-/// `true` if the rates of the clocks differ.
-fn differ_in_rate(findings: &[Finding]) -> bool {
-    findings.iter().any(|finding| matches!(finding, Finding::ClockRate { .. }))
-}
-
-/// Returns the grade of the transform between two cameras.
-pub fn grade(calibration: &SecondCalibration) -> Grade {
-    Grade::of(calibration.findings.iter().map(|finding| match finding {
-        Finding::PlaceNotMeasured { .. }
-        | Finding::RotationNotMeasured { .. }
-        | Finding::OffsetNotMeasured { .. }
-        | Finding::Loose { .. } => Severity::Failure,
-        Finding::CameraMoved { .. } | Finding::OtherCamera { .. } => Severity::Warning,
-        Finding::ClockRate { .. } | Finding::LeftOut { .. } | Finding::NoLineDelay { .. } => Severity::Note,
-    }))
-}
-
 impl SecondCameraResult {
     /// Returns the result of `second`.
     pub fn new(second: &SecondCamera) -> Self {
@@ -189,7 +171,7 @@ impl SecondCameraResult {
             covered_region: second.covered.corners().iter().map(|&corner| corner.into()).collect(),
             lens_grade: second.lens_grade,
             lens_verdict: second.lens_verdict.clone(),
-            grade: grade(calibration),
+            grade: Grade::of(calibration.findings.iter().map(|finding| finding.severity)),
             verdict: String::new(),
             second_from_first: mount.second_first.to_homogeneous().transpose().into(),
             rotation_sigma: three(ROTATION),
@@ -197,8 +179,9 @@ impl SecondCameraResult {
             baseline: baseline(calibration),
             time_offset: Uncertain { value: mount.offset + between, sigma: sigma(OFFSET) },
             time_offset_at: mount.middle + starts[1],
-            clock_rate: (calibration.seconds > LONG_ENOUGH_FOR_RATE || differ_in_rate(&calibration.findings))
-                .then(|| Uncertain { value: mount.rate, sigma: sigma(RATE) }),
+            clock_rate: (calibration.seconds > LONG_ENOUGH_FOR_RATE
+                || calibration.findings.iter().any(|finding| finding.cause == Cause::ClockRate))
+            .then(|| Uncertain { value: mount.rate, sigma: sigma(RATE) }),
             correlations: std::array::from_fn(|row| {
                 std::array::from_fn(|column| calibration.covariance[(row, column)] / (sigma(row) * sigma(column)))
             }),
@@ -307,7 +290,7 @@ impl SecondCameraResult {
             let _ = writeln!(text, "  {one} and {other} are correlated by {value:.2}");
         }
         for finding in &self.findings {
-            let _ = writeln!(text, "  note: {finding}");
+            let _ = writeln!(text, "  {finding}");
         }
         text.truncate(text.trim_end().len());
         text

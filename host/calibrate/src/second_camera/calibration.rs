@@ -4,9 +4,9 @@ use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
 use nalgebra::DMatrix;
 
-use super::finding::Finding;
 use super::joint::Misfit;
 use super::mount::Mount;
+use crate::quality::verdict::Finding;
 
 /// A second camera on the mount of the first.
 #[derive(Clone, Debug)]

@@ -1,8 +1,8 @@
 //! Checks of the calibration of a second camera.
 
 use super::calibration::SecondCalibration;
-use super::finding::Finding;
 use super::mount::{LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
+use crate::quality::verdict::{Cause, Finding, Severity};
 
 /// σ from which a position counts as not measured (m).
 const PLACE_LIMIT: f64 = 5e-3;
@@ -23,44 +23,109 @@ const NO_DELAY: f64 = 3.0;
 /// Reported difference between an intrinsic parameter and its value in the separate calibration, in its σ.
 const MOVED: f64 = 4.0;
 
-/// Returns the problems of `calibration`.
+/// Returns the problems of `calibration`, and quantities that were not measured.
 pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    let largest = |first: usize| (first..first + 3).map(|index| calibration.sigma(index)).fold(0.0, f64::max);
-    let (place, rotation, offset) = (largest(TRANSLATION), largest(ROTATION), calibration.sigma(OFFSET));
-    if place > PLACE_LIMIT {
-        findings.push(Finding::PlaceNotMeasured { sigma: place });
-    }
-    if rotation > ROTATION_LIMIT {
-        findings.push(Finding::RotationNotMeasured { sigma: rotation });
-    }
-    if offset > OFFSET_LIMIT {
-        findings.push(Finding::OffsetNotMeasured { sigma: offset });
-    }
+    let mut findings = not_measured(calibration);
     let (rate, sigma) = (calibration.mount.rate, calibration.sigma(RATE));
     if rate.abs() > DRIFT.max(CERTAIN * sigma) {
-        findings.push(Finding::ClockRate { rate, sigma });
+        findings.push(Finding::new(
+            Cause::ClockRate,
+            Severity::Note,
+            format!(
+                "the second clock gains {:.1} ± {:.1} µs a second on the first, and the offset is that in the middle of what both saw",
+                1e6 * rate,
+                1e6 * sigma
+            ),
+            "put both cameras on one clock",
+        ));
     }
     if let Some(ratio) = calibration.looseness.filter(|ratio| *ratio > LOOSE) {
-        findings.push(Finding::Loose { ratio });
+        findings.push(Finding::new(
+            Cause::Loose,
+            Severity::Failure,
+            format!(
+                "the second camera's events fit the trajectory of the first {ratio:.2} times worse than one of its own"
+            ),
+            "fix both to a stiff mount",
+        ));
     }
     if calibration.left_out > MOST_LEFT_OUT {
-        findings.push(Finding::LeftOut { share: calibration.left_out });
+        findings.push(Finding::new(
+            Cause::NotSeenTogether,
+            Severity::Note,
+            format!(
+                "{:.0} % of what the second camera saw was left out, for the first did not see the board then",
+                100.0 * calibration.left_out
+            ),
+            "keep the board in view of both",
+        ));
     }
     if let Some(line_delay) = calibration.mount.line_delay.filter(|_| calibration.rolling_shutter) {
         let sigma = calibration.sigma(LINE_DELAY);
         if line_delay.abs() < NO_DELAY * sigma {
-            findings.push(Finding::NoLineDelay { line_delay, sigma });
+            findings.push(Finding::new(
+                Cause::NoLineDelay,
+                Severity::Note,
+                format!(
+                    "no line delay was found ({:.3} ± {:.3} µs per row), so it has a global shutter",
+                    1e6 * line_delay,
+                    1e6 * sigma
+                ),
+                "do not state a rolling shutter",
+            ));
         }
     }
-    for (camera, sigmas) in calibration.cameras_moved.into_iter().enumerate() {
-        // In the separate calibration of a camera with a rolling shutter, all rows were assumed to be exposed at once.
-        let is_of_other_rows = camera == 1 && calibration.rolling_shutter;
-        let Some(sigmas) = sigmas.filter(|sigmas| *sigmas > MOVED && !is_of_other_rows) else { continue };
-        findings.push(match calibration.fixed[camera] {
-            true => Finding::OtherCamera { camera, sigmas },
-            false => Finding::CameraMoved { camera, sigmas },
-        });
-    }
+    findings.extend((0..2).filter_map(|camera| about_camera(calibration, camera)));
     findings
+}
+
+fn not_measured(calibration: &SecondCalibration) -> Vec<Finding> {
+    let largest = |first: usize| (first..first + 3).map(|index| calibration.sigma(index)).fold(0.0, f64::max);
+    let (place, rotation, offset) = (largest(TRANSLATION), largest(ROTATION), calibration.sigma(OFFSET));
+    let quantities = [
+        (
+            place > PLACE_LIMIT,
+            Cause::PositionNotMeasured,
+            format!("the relative position of the cameras was hardly measured (± {:.1} mm)", 1e3 * place),
+            "record longer, near the board",
+        ),
+        (
+            rotation > ROTATION_LIMIT,
+            Cause::RotationNotMeasured,
+            format!("the relative rotation of the cameras was hardly measured (± {:.2}°)", rotation.to_degrees()),
+            "record longer, near the board",
+        ),
+        (
+            offset > OFFSET_LIMIT,
+            Cause::DelayNotMeasured,
+            format!("the offset of the clocks was hardly measured (± {:.1} ms)", 1e3 * offset),
+            "move faster, back and forth",
+        ),
+    ];
+    let found = quantities.into_iter().filter(|(is_found, ..)| *is_found);
+    found.map(|(_, cause, reason, advice)| Finding::new(cause, Severity::Failure, reason, advice)).collect()
+}
+
+/// Returns the finding on the difference between a camera (0 or 1) and its separate calibration.
+fn about_camera(calibration: &SecondCalibration, camera: usize) -> Option<Finding> {
+    // In the separate calibration of a camera with a rolling shutter, all rows were assumed to be exposed at once.
+    let is_of_other_rows = camera == 1 && calibration.rolling_shutter;
+    let sigmas = calibration.cameras_moved[camera].filter(|sigmas| *sigmas > MOVED && !is_of_other_rows)?;
+    let name = ["first", "second"][camera];
+    let (cause, reason, advice) = if calibration.fixed[camera] {
+        (
+            Cause::OtherCamera,
+            format!(
+                "the intrinsics of the {name} camera that were fixed are {sigmas:.1} σ from those of this recording"
+            ),
+            "fix those of the same lens with the same focus",
+        )
+    } else {
+        (
+            Cause::CameraMoved,
+            format!("the solve of both changed an intrinsic parameter of the {name} camera by {sigmas:.1} σ"),
+            "check its own report",
+        )
+    };
+    Some(Finding::new(cause, Severity::Warning, reason, advice))
 }
