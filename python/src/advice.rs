@@ -20,7 +20,7 @@ use evcal_files::output::OutputError;
 use event_recordings::convert::ConvertError;
 use event_recordings::given_sensor::{Exchanged, OtherSensor};
 use event_recordings::text::LineError;
-use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, TimeUnit, UnsupportedFormat};
+use event_recordings::{FormatOption, LayoutError, RecordingError, RecordingErrorKind, UnsupportedFormat};
 
 /// Returns the advice for `error`, or for the first of its causes for which there is advice.
 pub fn advice(error: &(dyn Error + 'static)) -> Option<String> {
@@ -103,7 +103,7 @@ fn about_other_devices(error: &(dyn Error + 'static)) -> Option<&'static str> {
 fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(error) = error.downcast_ref() {
         return match error {
-            CalibrateError::TimeUnit { unit, .. } => unit.unit.map(|unit| format!("give time_unit={:?}", short(unit))),
+            CalibrateError::TimeUnit { unit, .. } => unit.unit.map(|unit| format!("give time_unit={:?}", unit.symbol())),
             CalibrateError::LargerBoard(larger) => Some(give_board(larger.board)),
             CalibrateError::NoPictures { .. } => Some("give frames=\"cross-check\"".to_owned()),
             _ => None,
@@ -135,16 +135,6 @@ fn give_board(board: impl Display) -> String {
     format!("give board=\"{board}\"")
 }
 
-/// Returns the unit as a value of `time_unit`.
-pub fn short(unit: TimeUnit) -> &'static str {
-    match unit {
-        TimeUnit::Seconds => "s",
-        TimeUnit::Milliseconds => "ms",
-        TimeUnit::Microseconds => "us",
-        TimeUnit::Nanoseconds => "ns",
-    }
-}
-
 /// Returns the advice of a finding in terms of the Python package.
 pub fn worded(advice: &Advice) -> String {
     match advice {
@@ -156,7 +146,7 @@ pub fn worded(advice: &Advice) -> String {
             "count them on the board: board= names more than it has, or a part of it was never in view".to_owned()
         }
         Advice::NameSensor(likely) => give_sensor(*likely),
-        Advice::NameTimeUnit(Some(unit)) => format!("give time_unit={:?}", short(*unit)),
+        Advice::NameTimeUnit(Some(unit)) => format!("give time_unit={:?}", unit.symbol()),
         Advice::CountFromZero { sensor, name_sensor: true } => {
             let without = Advice::CountFromZero { sensor: *sensor, name_sensor: false };
             format!("{without}, and {}", give_sensor(Some(*sensor)))

@@ -28,11 +28,14 @@ use evcal_detection::detection::settings::DetectionSettings;
 use evcal_detection::detection::still_views::search::{recognise_views, search_views};
 use evcal_detection::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
 use evcal_detection::detection::{DetectionReport, LARGEST_SENSOR, NoPattern, NoPatternCause};
-use evcal_detection::diagnosis::bad_pixels::{BadPixels, PixelCounter, Repetition};
+use evcal_detection::diagnosis::bad_pixels::{BadPixels, Repetition};
+use evcal_detection::diagnosis::double_edges::DoubleEdges;
 use evcal_detection::diagnosis::information::{Information, gather_events};
+use evcal_detection::diagnosis::lost_events::LostEvents;
 use evcal_detection::diagnosis::rounded::Rounded;
 use evcal_detection::diagnosis::silent_lines::SilentLines;
 use evcal_geometry::board::{Board, layout_name};
+use evcal_solve::solve::event_sample::Thinning;
 use event_recordings::given_sensor::counted_from_one;
 use event_recordings::pass::{read_recording, read_while};
 use event_recordings::{Recording, RecordingError, RecordingOptions};
@@ -69,6 +72,10 @@ pub struct Checked {
     pub counted_from_one: Option<Sensor>,
     /// Repeated events, if there are many.
     pub repeated: Option<Repetition>,
+    /// Edges that appear twice.
+    pub double_edges: Option<DoubleEdges>,
+    /// Events that were lost at random.
+    pub lost_events: Option<LostEvents>,
     /// Pixels without events, as in undistorted recordings.
     pub rounded: Option<Rounded>,
     /// Columns, rows and areas without events.
@@ -176,12 +183,18 @@ pub fn check(
     let counted_from_one =
         if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
     let (mut repeated, mut rounded, mut silent) = (None, None, None);
+    let (mut double_edges, mut lost_events) = (None, None);
     let seen = match information.sensor.or(information.likely_sensor) {
         // With timestamps in another unit nothing can be found.
         _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
-            let (pixels, slots) = count_events(&searched, sensor)?;
+            let (bursts, slots) = follow_bursts(&searched, sensor)?;
+            let pixels = BadPixels::of_counts(&bursts.counts(), usize::from(sensor.width), bursts.repeated());
             (repeated, rounded, silent) = (pixels.repeated, pixels.rounded, pixels.silent);
+            if information.coarse_times.is_none() {
+                double_edges = DoubleEdges::found(bursts.intervals());
+                lost_events = LostEvents::found(bursts.pairs()).filter(LostEvents::is_certain);
+            }
             let searched = SearchedRecording { parts: &searched, whole: &read, duration: end };
             Some(match search_still_views(&read, sensor, board, settings, pictures)? {
                 // Few views are enough, because the camera may have been carried between them.
@@ -196,7 +209,7 @@ pub fn check(
     };
     if seen.as_ref().is_some_and(|seen| seen.is_at_rest) {
         // Squares that stay dark have no events.
-        (rounded, silent) = (None, None);
+        (rounded, silent, lost_events) = (None, None, None);
     } else if seen.as_ref().is_some_and(|seen| seen.found == 0) {
         other = other_unit(&beginning, information.mean_rate);
     }
@@ -206,6 +219,8 @@ pub fn check(
         other_unit: other,
         counted_from_one,
         repeated,
+        double_edges,
+        lost_events,
         rounded,
         silent,
         seen,
@@ -255,15 +270,16 @@ struct SearchedRecording<'a> {
     duration: i64,
 }
 
-/// Returns the diagnosis of its pixels, and the number of time slots with events.
-fn count_events(recording: &Recording, sensor: Sensor) -> Result<(BadPixels, usize), RecordingError> {
-    let (mut pixels, mut slots) = (PixelCounter::new(sensor), BTreeSet::new());
+/// Follows the bursts of its pixels; also returns the number of time slots with events.
+fn follow_bursts(recording: &Recording, sensor: Sensor) -> Result<(Thinning, usize), RecordingError> {
+    let (mut bursts, mut slots) = (Thinning::new(sensor), BTreeSet::new());
     read_recording(recording, &mut |events| {
-        pixels.push(events);
+        // No event is kept.
+        bursts.take(events, 0.0, &mut Vec::new());
         // Events are in the order of time, so the first one of each slot is enough.
         slots.extend(events.chunk_by(|a, b| slot(a) == slot(b)).filter_map(|same| same.first().map(slot)));
     })?;
-    Ok((pixels.finish(), slots.len()))
+    Ok((bursts, slots.len()))
 }
 
 /// Returns the time slot of an event.
@@ -488,8 +504,8 @@ mod tests {
         let event = |t: i64| Event { t, x: 1, y: 2, polarity: Polarity::On };
         let events = beginning.chain(end).map(event).collect();
         let recording = Recording::from_events("events", events, RecordingOptions::default());
-        let (pixels, slots) = count_events(&recording, Sensor::new(346, 260)).unwrap();
-        assert_eq!((pixels.repeated, slots), (None, 20));
+        let (bursts, slots) = follow_bursts(&recording, Sensor::new(346, 260)).unwrap();
+        assert_eq!((bursts.repeated(), slots), (0, 20));
     }
 
     /// The parts must not all come from the first 0.3 s of a recording with a high event rate.

@@ -86,6 +86,16 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
+    /// Returns the symbol, as options and arguments name it.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::Seconds => "s",
+            Self::Milliseconds => "ms",
+            Self::Microseconds => "us",
+            Self::Nanoseconds => "ns",
+        }
+    }
+
     /// Returns n such that the unit is 10ⁿ µs.
     pub const fn decimal_exponent(self) -> i32 {
         match self {

@@ -36,7 +36,12 @@ fn verdict(name: &str, mut events: Vec<Row>, [width, height]: [u16; 2]) -> Value
     let options = ["--board", BOARD, "--threads", "2", "--accept-any", "-o", text(&folder)];
     let finished = evcal(&[&["calibrate", text(&file)][..], &options].concat());
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
-    read_json(&folder.join("calibration.json"))["verdict"].clone()
+    let verdict = read_json(&folder.join("calibration.json"))["verdict"].clone();
+    if name.ends_with("of-two") {
+        let checked = evcal(&["check", text(&file), "--board", BOARD]);
+        assert_eq!(checked.stdout.contains("edges appear twice"), has_double_edges(&verdict), "{checked:?}");
+    }
+    verdict
 }
 
 fn has_double_edges(verdict: &Value) -> bool {

@@ -299,6 +299,8 @@ fn a_random_loss_of_events_is_reported_and_in_the_bound() {
         of("sigma"),
     );
     assert!(error.abs() < 1.96 * sigma && sigma < 1.0, "{error} ± {sigma}");
+    let checked = evcal(&["check", text(&file), "--board", BOARD]);
+    assert!(checked.stdout.contains("lost at random"), "{checked:?}");
 }
 
 /// Coordinates that count from 1 and were cut at the sensor's size move the principal point by one pixel. A sensor whose lower half

@@ -8,7 +8,9 @@ use evcal_detection::detection::still_views::FEWEST_VIEWS;
 use evcal_detection::detection::{FEWEST_EVENTS, too_short};
 use evcal_detection::diagnosis::bad_pixels::Repetition;
 use evcal_detection::diagnosis::disorder::Disorder;
+use evcal_detection::diagnosis::double_edges::DoubleEdges;
 use evcal_detection::diagnosis::information::Information;
+use evcal_detection::diagnosis::lost_events::LostEvents;
 use evcal_detection::diagnosis::rounded::Rounded;
 use evcal_detection::diagnosis::silent_lines::SilentLines;
 use evcal_detection::diagnosis::time_steps::CoarseTimes;
@@ -74,6 +76,12 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     }
     if let Some(repeated) = checked.repeated {
         return Advice::Plain(format!("{repeated}: {}", Repetition::ADVICE));
+    }
+    if let Some(edges) = checked.double_edges {
+        return Advice::Plain(format!("{edges}: {}", DoubleEdges::ADVICE));
+    }
+    if let Some(lost) = checked.lost_events {
+        return Advice::Plain(format!("{lost}: {}", LostEvents::ADVICE));
     }
     match &checked.seen {
         None => "the sensor is larger than evcal supports".into(),

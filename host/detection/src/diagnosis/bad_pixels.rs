@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use evcal_core::event::{Event, Polarity};
-use evcal_core::sensor::Sensor;
 use serde::Serialize;
 
 use super::rounded::Rounded;
@@ -16,22 +14,6 @@ const FEWEST_OF_HOT: u64 = 50;
 /// Share of all events from which repeated events are reported. With timestamps rounded to 1 ms, 0.02 % are repeated, with 10 ms
 /// 44 %.
 const MANY_REPEATED: f64 = 0.05;
-
-/// Counts the events of each pixel.
-#[derive(Clone, Debug)]
-pub struct PixelCounter {
-    width: usize,
-    pixels: Vec<Pixel>,
-    repeated: u64,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Pixel {
-    count: u32,
-    polarity: Polarity,
-    /// Time of its last event.
-    last: i64,
-}
 
 /// Events with the same time and polarity as the last one of their pixel: the recording contains them twice, or its timestamps
 /// were rounded.
@@ -54,31 +36,6 @@ pub struct BadPixels {
     pub silent: Option<SilentLines>,
     /// Pixels without events, as in undistorted recordings.
     pub rounded: Option<Rounded>,
-}
-
-impl PixelCounter {
-    /// Creates a counter for a sensor of this size.
-    pub fn new(sensor: Sensor) -> Self {
-        let width = usize::from(sensor.width);
-        let silent = Pixel { count: 0, polarity: Polarity::Off, last: i64::MIN };
-        Self { width, pixels: vec![silent; width * usize::from(sensor.height)], repeated: 0 }
-    }
-
-    /// Adds events.
-    pub fn push(&mut self, events: &[Event]) {
-        for event in events {
-            if let Some(pixel) = self.pixels.get_mut(usize::from(event.y) * self.width + usize::from(event.x)) {
-                self.repeated += u64::from(pixel.last == event.t && pixel.polarity == event.polarity);
-                *pixel = Pixel { count: pixel.count.saturating_add(1), polarity: event.polarity, last: event.t };
-            }
-        }
-    }
-
-    /// Returns the result.
-    pub fn finish(&self) -> BadPixels {
-        let counts: Vec<u32> = self.pixels.iter().map(|pixel| pixel.count).collect();
-        BadPixels::of_counts(&counts, self.width, self.repeated)
-    }
 }
 
 impl BadPixels {
@@ -125,52 +82,29 @@ pub(super) fn most_of_good(active: impl Iterator<Item = u64>) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use evcal_core::event::Polarity;
-
     use super::*;
 
     #[test]
     fn hot_pixels_and_dead_columns_are_found() {
-        let mut counter = PixelCounter::new(Sensor::new(20, 15));
-        let event = |t: i64, x: u16, y: u16| Event { t, x, y, polarity: Polarity::On };
-        for round in 0..150 {
-            for (x, y) in (0..15).flat_map(|y| (0..20).map(move |x| (x, y))) {
-                if x != 4 && x != 17 && (round + x + y) % 3 != 0 {
-                    counter.push(&[event(i64::from(round), x, y)]);
-                }
-            }
-        }
-        assert_eq!(
-            counter.finish(),
-            BadPixels {
-                silent: Some(SilentLines::Lines { columns: vec![4, 17], rows: Vec::new() }),
-                ..BadPixels::default()
-            }
-        );
-        counter.push(&(0..27_000).map(|t| event(150 + t, 3, 3)).collect::<Vec<_>>());
-        // Two thirds of 150 rounds of 18 columns and 15 rows, and the added events.
-        let found = counter.finish();
+        // A hundred events each, and none in columns 4 and 17.
+        let mut counts: Vec<u32> = (0..300).map(|pixel| if matches!(pixel % 20, 4 | 17) { 0 } else { 100 }).collect();
+        let silent = Some(SilentLines::Lines { columns: vec![4, 17], rows: Vec::new() });
+        let expected = BadPixels { silent, ..BadPixels::default() };
+        assert_eq!(BadPixels::of_counts(&counts, 20, 0), expected);
+        // As many as all others.
+        counts[63] = 27_000;
+        let found = BadPixels::of_counts(&counts, 20, 0);
         assert_eq!(found.hot, 1);
         assert!((found.hot_share - 0.5).abs() < 0.01, "{found:?}");
     }
 
     /// A recording that contains each event twice must be reported, because its standard deviations are too small.
     #[test]
-    fn events_that_repeat_others_are_counted() {
-        let repeated = |events: &[Event]| {
-            let mut counter = PixelCounter::new(Sensor::new(20, 15));
-            counter.push(events);
-            counter.finish()
-        };
-        let at = |t: i64, x: u16, polarity: Polarity| Event { t, x, y: 2, polarity };
-        // Sorted by time alone, so that the events of one time come as a b a b.
-        let twice: Vec<Event> = (0..40).map(|index| at(index / 4, (index % 2) as u16, Polarity::On)).collect();
-        assert_eq!(repeated(&twice).repeated, Some(Repetition { share: 0.5 }));
+    fn repeated_events_are_reported_if_there_are_many() {
+        let repeated = |count| BadPixels::of_counts(&[10, 10, 10, 10], 2, count).repeated;
+        assert_eq!(repeated(20), Some(Repetition { share: 0.5 }));
         assert!(Repetition { share: 0.5 }.to_string().starts_with("50 % of the events repeat another"));
-        // Another time, pixel or polarity is another event.
-        let once = [at(0, 1, Polarity::On), at(0, 2, Polarity::On), at(0, 1, Polarity::Off), at(1, 1, Polarity::Off)];
-        assert_eq!(repeated(&once), BadPixels::default());
-        assert_eq!(repeated(&[]), BadPixels::default());
+        assert_eq!(repeated(0), None);
     }
 
     #[test]

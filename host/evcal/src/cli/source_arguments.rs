@@ -59,7 +59,7 @@ pub fn command(subcommand: &str, recording: &Path, options: &RecordingOptions, r
     let named = [
         ("--sensor", sensor),
         ("--columns", columns.as_ref().map(ToString::to_string)),
-        ("--time-unit", time_unit.map(|unit| short(unit).to_owned())),
+        ("--time-unit", time_unit.map(|unit| unit.symbol().to_owned())),
         ("--stream", stream.clone()),
         ("--device", device.map(|device| device.to_string())),
     ];
@@ -76,16 +76,6 @@ pub fn command(subcommand: &str, recording: &Path, options: &RecordingOptions, r
         words.push("--skip-damaged".to_owned());
     }
     words.iter().map(|word| shell_word(word)).collect::<Vec<_>>().join(" ")
-}
-
-/// Returns a unit as it is written on the command line.
-pub fn short(unit: TimeUnit) -> &'static str {
-    match unit {
-        TimeUnit::Seconds => "s",
-        TimeUnit::Milliseconds => "ms",
-        TimeUnit::Microseconds => "us",
-        TimeUnit::Nanoseconds => "ns",
-    }
 }
 
 #[cfg(test)]

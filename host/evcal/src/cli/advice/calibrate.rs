@@ -25,7 +25,7 @@ use evcal_live::page::PageError;
 use evcal_solve::initial::InitialError;
 use evcal_solve::motion_capture::file::{CaptureError, CaptureFileError};
 
-use super::super::source_arguments::{command, short};
+use super::super::source_arguments::command;
 use super::recordings::add_sensor;
 
 /// Returns advice about an error of evcal-calibrate, evcal-geometry or evcal-live.
@@ -82,7 +82,7 @@ pub fn worded(advice: &Advice) -> String {
         }
         Advice::NameSensor(Some(sensor)) => add_sensor(Some(*sensor)),
         Advice::NameSensor(None) => "add --sensor WIDTHxHEIGHT, the size of the camera's sensor".to_owned(),
-        Advice::NameTimeUnit(Some(unit)) => format!("add --time-unit {}", short(*unit)),
+        Advice::NameTimeUnit(Some(unit)) => format!("add --time-unit {}", unit.symbol()),
         Advice::CountFromZero { sensor, name_sensor: true } => {
             let without = Advice::CountFromZero { sensor: *sensor, name_sensor: false };
             format!("{without}, and {}", add_sensor(Some(*sensor)))

@@ -242,6 +242,21 @@ mod tests {
     use evcal_core::event::Polarity::{Off, On};
 
     #[test]
+    fn repeated_events_are_counted() {
+        let repeated = |events: &[Event]| {
+            let mut tracker = BurstTracker::new(Sensor::new(20, 15), 1000);
+            events.iter().for_each(|event| assert!(tracker.push(event).is_some()));
+            tracker.repeated()
+        };
+        let at = |t: i64, x: u16, polarity| Event { t, x, y: 2, polarity };
+        // Sorted by time alone, so that the events of one time come as a b a b.
+        let twice: Vec<Event> = (0..40).map(|index| at(index / 4, (index % 2) as u16, On)).collect();
+        assert_eq!(repeated(&twice), 20);
+        // Another time, pixel or polarity is another event.
+        assert_eq!(repeated(&[at(0, 1, On), at(0, 2, On), at(0, 1, Off), at(1, 1, Off)]), 0);
+    }
+
+    #[test]
     fn a_burst_ends_with_the_polarity_or_a_pause() {
         let mut tracker = BurstTracker::new(Sensor::new(4, 3), 1000);
         let events = [(0, Off), (10, Off), (20, On), (30, On), (40, On), (50, On), (60, On), (2000, On), (2001, Off)];
