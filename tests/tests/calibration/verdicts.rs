@@ -276,6 +276,26 @@ fn write_moved(simulation: &Path, moved: impl Fn([u16; 2]) -> Option<[u16; 2]>, 
     fs::write(file, csv).unwrap();
 }
 
+/// The rows of an image come from below. The board is its own mirror image, so only the accelerations show it.
+#[test]
+fn the_accelerometer_shows_whether_the_image_is_mirrored() {
+    let simulation = RADTAN.simulation("mirrored", &["--imu", "--motion", "fast", "--duration", "4s", "--seed", "51"]);
+    let (folder, samples) = (tempfile::tempdir().unwrap(), simulation.join("imu.csv"));
+    let verdict = |name: &str, moved: fn([u16; 2]) -> [u16; 2]| {
+        let (file, output) = (folder.path().join(format!("{name}.csv")), folder.path().join(name));
+        write_moved(&simulation, |place| Some(moved(place)), &file);
+        let options = ["--model", RADTAN.model, "--board", BOARD, "--imu", text(&samples), "-o", text(&output)];
+        let finished = evcal(&[&["calibrate", text(&file)][..], &options].concat());
+        (finished.code, read_json(&output.join("calibration.json"))["verdict"].clone())
+    };
+    let (code, mirrored) = verdict("mirrored", |[x, y]| [x, 259 - y]);
+    assert!(names(&mirrored, "mirrored-image") && mirrored["grade"] == "not-good", "{mirrored:#}");
+    assert_eq!(code, Some(1));
+    let (code, upright) = verdict("upright", |place| place);
+    assert!(!names(&upright, "mirrored-image") && !names(&upright, "orientation-not-checked"), "{upright:#}");
+    assert_eq!((code, &upright["grade"]), (Some(0), &Value::from("good")), "{upright:#}");
+}
+
 /// Seven of ten events, chosen at random, are lost. The ranks of the others are wrong, which the focal length absorbs.
 #[test]
 fn a_random_loss_of_events_is_reported_and_in_the_bound() {
