@@ -5,16 +5,16 @@ use std::error::Error;
 use std::fmt::Display;
 
 use evcal_calibrate::advice::Advice;
+use evcal_calibrate::calibrate::repeat::RepeatError;
+use evcal_calibrate::inertial::error::InertialError;
+use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::task::board_choice::BoardChoiceError;
 use evcal_calibrate::task::error::CalibrateError;
-use evcal_calibrate::calibrate::repeat::RepeatError;
+use evcal_core::sensor::Sensor;
 use evcal_detection::detection::recognition::other_board::OtherReading;
 use evcal_detection::detection::recognition::radius::OtherRadius;
 use evcal_detection::detection::search::SearchError;
 use evcal_detection::detection::{NoPattern, NoPatternCause};
-use evcal_calibrate::inertial::error::InertialError;
-use evcal_calibrate::second_camera::error::SecondCameraError;
-use evcal_core::sensor::Sensor;
 use evcal_files::folder::FolderError;
 use evcal_files::output::OutputError;
 use event_recordings::convert::ConvertError;
@@ -103,7 +103,9 @@ fn about_other_devices(error: &(dyn Error + 'static)) -> Option<&'static str> {
 fn about_calibration(error: &(dyn Error + 'static)) -> Option<String> {
     if let Some(error) = error.downcast_ref() {
         return match error {
-            CalibrateError::TimeUnit { unit, .. } => unit.unit.map(|unit| format!("give time_unit={:?}", unit.symbol())),
+            CalibrateError::TimeUnit { unit, .. } => {
+                unit.unit.map(|unit| format!("give time_unit={:?}", unit.symbol()))
+            }
             CalibrateError::LargerBoard(larger) => Some(give_board(larger.board)),
             CalibrateError::NoPictures { .. } => Some("give frames=\"cross-check\"".to_owned()),
             _ => None,

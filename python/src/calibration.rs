@@ -4,19 +4,18 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use evcal_calibrate::task::board_choice::{BoardChoiceError, choose_board};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
-use evcal_calibrate::task::input::Input;
 use evcal_calibrate::calibrate::second::{calibrate_against_first, calibrate_lens_separately, picture_use_of_second};
-use evcal_calibrate::task::step::Step;
-use evcal_calibrate::task::{PictureUse, Task};
 use evcal_calibrate::inertial::settings::InertialSettings;
-use evcal_solve::initial::model_choice::ModelRequest;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts, worst_grade};
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::board_choice::{BoardChoiceError, choose_board};
+use evcal_calibrate::task::input::Input;
+use evcal_calibrate::task::step::Step;
+use evcal_calibrate::task::{PictureUse, Task};
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
@@ -24,6 +23,7 @@ use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::board::{Board, BoardError, CircleBoard};
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_report::output::folder::{is_result, poses, write_folder};
+use evcal_solve::initial::model_choice::ModelRequest;
 use event_recordings::Recording;
 use event_recordings::image_folder::Stamps;
 use numpy::ndarray::Array2;
@@ -101,8 +101,7 @@ impl CalibrationJob {
         let separate = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
         let second = calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| in_words(&error))?;
         let _ = on_progress(Step { text: "both cameras", done: None });
-        let found =
-            calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None]);
+        let found = calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None]);
         first.add_second(found).map_err(|error| in_words(&error))
     }
 }

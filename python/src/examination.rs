@@ -1,11 +1,11 @@
 //! Checks of recordings and calibrations: suitability, repeatability, comparison.
 
-use evcal_calibrate::task::board_choice::choose_board;
 use evcal_calibrate::calibrate::repeat::RepeatSettings;
-use evcal_calibrate::task::{PictureUse, Task};
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::same_camera::compare_cameras;
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::board_choice::choose_board;
+use evcal_calibrate::task::{PictureUse, Task};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::request::{BoardRequest, PrintSize};
 use event_recordings::Recording;
