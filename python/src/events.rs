@@ -4,15 +4,13 @@ use evcal_calibrate::undistort::PixelMap;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use event_recordings::columns::{self, Cell, PolarityCode, SAMPLE};
-use event_recordings::{Columns, LayoutError, OptionError};
+use event_recordings::{Columns, LayoutError, OptionError, TimeUnit};
 use numpy::{
     PyArray1, PyArrayDescr, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-
-use crate::advice::short;
 
 /// Names of the fields in other libraries, in the order t, x, y, p.
 const NAMES: [&[&str]; 4] = [&["t", "ts", "timestamp", "time"], &["x"], &["y"], &["p", "on", "polarity", "pol"]];
@@ -351,7 +349,7 @@ pub fn columns_of(
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         let (columns, unit) = columns::from_names(&names);
         let missing = || PyTypeError::new_err(LayoutError::Names(names.join(", ")).to_string());
-        return Ok((columns.ok_or_else(missing)?.to_string(), unit.map(short)));
+        return Ok((columns.ok_or_else(missing)?.to_string(), unit.map(TimeUnit::symbol)));
     }
     if let Some(given) = given {
         let columns: Columns = given.parse().map_err(|error: OptionError| PyValueError::new_err(error.to_string()))?;
