@@ -141,19 +141,17 @@ fn lever_arm(
     gravity: f64,
 ) -> Result<InertialParameters, InertialError> {
     let unit = unit_values(samples, |sample| sample.acceleration);
-    let (mut rows, mut opposite, mut squares) = (Vec::new(), Vec::new(), 0.0);
+    let (mut rows, mut squares) = (Vec::new(), 0.0);
     for (index, reading) in unit.values.iter().enumerate().step_by(2) {
         let t = unit.start + STEP * index as f64 - delay;
         let inside = |one: &&&Trajectory| t > one.start() + 0.1 && t < one.end() - 0.1;
         let motion = trajectories.iter().find(inside).and_then(|one| Motion::new(one, t));
         let (Some(reading), Some(motion)) = (reading, motion) else { continue };
         squares += motion.acceleration.norm_squared();
-        let (by, reading, acceleration) = row(&motion, rotation.inverse_transform_vector(reading));
-        rows.push((by, reading - acceleration));
-        opposite.push((by, reading + acceleration));
+        rows.push(row(&motion, rotation.inverse_transform_vector(reading)));
     }
-    let (solution, residual) = robust_solution(&rows)?;
-    if robust_solution(&opposite)?.1 < CLEARLY * residual {
+    let (solution, residual) = robust_solution(&rows, 1.0)?;
+    if robust_solution(&rows, -1.0)?.1 < CLEARLY * residual {
         return Err(InertialError::OppositeAccelerations);
     }
     let down: Vector3<f64> = solution.fixed_rows::<3>(0).into_owned();
@@ -179,12 +177,13 @@ fn lever_arm(
     })
 }
 
-/// Derivatives of a reading by the unknowns, and the reading minus what is known.
-type Row = (SMatrix<f64, 3, UNKNOWNS>, Vector3<f64>);
+/// Derivatives of a reading in camera axes by the unknowns, the reading, and the acceleration of the camera in its axes.
+type Row = (SMatrix<f64, 3, UNKNOWNS>, Vector3<f64>, Vector3<f64>);
 
-/// Returns the solution, and its median residual (m/s²). Where the trajectory is uncertain, so is its acceleration: those rows are
-/// dropped.
-fn robust_solution(rows: &[Row]) -> Result<(SVector<f64, UNKNOWNS>, f64), InertialError> {
+/// Returns the solution if `sign` times the accelerations were measured, and its median residual (m/s²). Where the trajectory is
+/// uncertain, so is its acceleration: those rows are dropped.
+fn robust_solution(rows: &[Row], sign: f64) -> Result<(SVector<f64, UNKNOWNS>, f64), InertialError> {
+    let rest = |(_, reading, acceleration): &Row| reading - acceleration * sign;
     let mut solution = SVector::<f64, UNKNOWNS>::zeros();
     let mut middle = f64::INFINITY;
     for _ in 0..4 {
@@ -193,19 +192,19 @@ fn robust_solution(rows: &[Row]) -> Result<(SVector<f64, UNKNOWNS>, f64), Inerti
         // A prior of 1 m/s² for the bias and 1 m for the lever arm, at 1 m/s² of noise.
         (3..UNKNOWNS).for_each(|index| matrix[(index, index)] += 1.0);
         let bound = 2.5 * middle;
-        for (by, value) in rows.iter().filter(|(by, value)| (value - by * solution).norm() <= bound) {
-            matrix += by.tr_mul(by);
-            right += by.tr_mul(value);
+        for row in rows.iter().filter(|row| (rest(row) - row.0 * solution).norm() <= bound) {
+            matrix += row.0.tr_mul(&row.0);
+            right += row.0.tr_mul(&rest(row));
         }
         solution = matrix.cholesky().ok_or(InertialError::Singular)?.solve(&right);
-        let mut sizes: Vec<f64> = rows.iter().map(|(by, value)| (value - by * solution).norm()).collect();
+        let mut sizes: Vec<f64> = rows.iter().map(|row| (rest(row) - row.0 * solution).norm()).collect();
         middle = median(&mut sizes, f64::total_cmp).unwrap_or(f64::INFINITY);
     }
     Ok((solution, middle))
 }
 
-/// Returns the derivatives of a reading in camera axes by the unknowns, the reading, and the acceleration of the camera in its axes.
-fn row(motion: &Motion, reading: Vector3<f64>) -> (SMatrix<f64, 3, UNKNOWNS>, Vector3<f64>, Vector3<f64>) {
+/// Returns the row of a reading in camera axes.
+fn row(motion: &Motion, reading: Vector3<f64>) -> Row {
     let to_camera = motion.rotation.sample.rotation.inverse().to_rotation_matrix().into_inner();
     let turning = motion.angular_velocity().cross_matrix();
     let mut by = SMatrix::<f64, 3, UNKNOWNS>::zeros();

@@ -84,12 +84,8 @@ fn correlation(counts: &[[u32; LENGTHS]; LENGTHS]) -> Option<f64> {
         }
     }
     let total = number as f64;
-    let [mean, variance] = [0, 1].map(|part| {
-        [0, 1].map(|of| {
-            let mean = sums[of] / total;
-            if part == 0 { mean } else { squares[of] / total - mean * mean }
-        })
-    });
+    let mean = sums.map(|sum| sum / total);
+    let variance: [f64; 2] = std::array::from_fn(|of| squares[of] / total - mean[of] * mean[of]);
     let is_varied = mean.iter().zip(variance).all(|(mean, variance)| variance > VARIED * mean);
     (number >= FEWEST && is_varied).then(|| (product / total - mean[0] * mean[1]) / (variance[0] * variance[1]).sqrt())
 }
