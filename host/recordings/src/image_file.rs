@@ -256,6 +256,14 @@ mod tests {
         checksum.update(&png[12..29]);
         png[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
         assert!(matches!(decode(&png), Err(ImageFileError::Png(_))));
+        // A grey JPEG of 16383 x 16383 pixels, and zeros after it.
+        let mut jpeg = [
+            &[0xFF, 0xD8, 0xFF, 0xC0, 0, 11, 8, 0x3F, 0xFF, 0x3F, 0xFF, 1, 1, 0x11, 0][..],
+            &[0xFF, 0xDA, 0, 8, 1, 1, 0, 0, 63, 0, 0x5F, 0xFF, 0xD9],
+        ]
+        .concat();
+        jpeg.resize(1 << 20, 0);
+        assert!(matches!(decode(&jpeg), Err(ImageFileError::Memory { size: (0x3FFF, 0x3FFF) })));
     }
 
     #[test]

@@ -383,6 +383,22 @@ fn arrays_in_separate_files_are_read_together() {
     }
 }
 
+/// Nobody writes to the FIFO, so a reader that opened it would wait for ever.
+#[cfg(unix)]
+#[test]
+fn a_fifo_in_place_of_an_array_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(format!("dataset_events_{name}.npy"));
+    let times: Vec<u8> = (0..40).flat_map(|t: i64| t.to_le_bytes()).collect();
+    std::fs::write(path("t"), array("'<i8'", false, "(40,)", &times)).unwrap();
+    std::fs::write(path("p"), array("'|u1'", false, "(40,)", &[1; 40])).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(path("xy")).status().unwrap().success());
+    for recording in [folder.path().to_owned(), path("t")] {
+        let error = testing::read_file(&recording, RecordingOptions::default()).error.unwrap();
+        assert!(error.contains("dataset_events_xy.npy"), "{error}");
+    }
+}
+
 #[test]
 fn an_array_without_rows_is_reported() {
     for (shape, data) in [("(0, 4)", &[][..]), ("(5, 4)", &[0; 160])] {
