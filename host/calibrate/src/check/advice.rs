@@ -74,7 +74,7 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
             others => others,
         };
     }
-    if let Some(repeated) = checked.repeated {
+    if let (Some(repeated), None) = (checked.repeated, information.coarse_times) {
         return Advice::Plain(format!("{repeated}: {}", Repetition::ADVICE));
     }
     if let Some(edges) = checked.double_edges {

@@ -37,7 +37,9 @@ const MANY_HOT: f64 = 0.02;
 pub(in crate::calibrate) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
     let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
     let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
-    let repeated = recordings.iter().filter_map(|health| health.pixels.repeated);
+    // Coarse times make equal events of different ones.
+    let fine = recordings.iter().filter(|health| health.coarse_times.is_none());
+    let repeated = fine.filter_map(|health| health.pixels.repeated);
     let most_repeated = repeated.max_by(|a, b| a.share.total_cmp(&b.share));
     let widths = recordings.iter().filter_map(|health| health.edges);
     let widest = widths.max_by(|a, b| a.pixels.total_cmp(&b.pixels));
@@ -226,7 +228,8 @@ mod tests {
         let rounded = Health { pixels, ..Health::default() };
         assert_eq!(causes(&[rounded, Health::default()]), [(Cause::Undistorted, Severity::Failure)]);
         let coarse_times = Some(CoarseTimes::Steps { step_ms: 1.0, events: 650.0 });
-        let coarse = Health { coarse_times, ..Health::default() };
+        // They are the cause of repeated events.
+        let coarse = Health { coarse_times, ..twice(0.4) };
         assert_eq!(causes(&[Health::default(), coarse]), [(Cause::CoarseTimes, Severity::Warning)]);
         assert!(findings_on(&[twice(0.1), twice(0.5)]).iter().all(|finding| finding.reason.starts_with("50 %")));
     }
