@@ -3,4 +3,4 @@
 pub mod failure;
 pub mod folder;
 pub mod input_files;
-mod summary;
+pub mod summary;

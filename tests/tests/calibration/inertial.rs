@@ -355,10 +355,10 @@ fn files(calibrated: &Calibrated, task: &Task) {
     let folder = tempfile::tempdir().unwrap();
     let written = evcal::write_new_folder(folder.path().join("result"), calibrated, task).unwrap();
     let folder = folder.path().join("result");
-    assert!(written.summary.contains("stamps of the gyroscope are 2."), "{}", written.summary);
+    assert!(written.summary.result.contains("stamps of the gyroscope are 2."), "{}", written.summary.result);
     let json = &read_json(&folder.join("calibration.json"))["inertial"];
     assert!(json["verdict"].as_str().is_some_and(|verdict| verdict.starts_with("Good: the rotation is known to ")));
-    assert!(written.summary.contains(json["verdict"].as_str().unwrap()), "{}", written.summary);
+    assert!(written.summary.result.contains(json["verdict"].as_str().unwrap()), "{}", written.summary.result);
     let correlations = json["correlations"].as_array().unwrap();
     assert_eq!(correlations.len(), ACCELEROMETER_MATRIX + 2 * TRIANGLE.len());
     for (index, row) in correlations.iter().enumerate() {

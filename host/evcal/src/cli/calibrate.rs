@@ -151,7 +151,7 @@ pub struct CalibrationArguments {
     /// Print the calibration as JSON
     #[arg(long)]
     pub json: bool,
-    /// Print how many events, circles and frames each stage received and kept
+    /// Also print all parameters, the figures behind the verdict, all notes, and how many events, circles and frames each stage received and kept
     #[arg(short, long)]
     verbose: bool,
     /// Calibrate from frames only, as ordinary image calibration does: the camera's own, a folder of images, a bag of images, or the

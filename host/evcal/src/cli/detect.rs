@@ -143,7 +143,7 @@ fn write(arguments: &Arguments, found: &FoundCircles) -> super::Outcome {
 fn print_report(arguments: &Arguments, found: &FoundCircles, tried: String, idle: Option<String>) -> super::Outcome {
     let report = &found.report;
     if arguments.json {
-        return print::line(serde_json::to_string_pretty(report)?);
+        return print::whole(&serde_json::to_string_pretty(report)?);
     }
     let kind = if arguments.board.is_some() { "with the board" } else { "with enough circles" };
     let mut text: String = found.notes.iter().map(|note| format!("note: {note}\n")).collect();

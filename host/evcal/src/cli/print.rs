@@ -1,25 +1,68 @@
 //! Printing to standard output, whose reader may close the pipe early (`evcal info … | head`), and to standard error. Control characters from
 //! files never reach a terminal: see [`visible`].
 
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, IsTerminal as _, Write};
 
 use evcal_files::visible;
 use serde::Serialize;
 
-/// Prints `text` and a line end. A closed pipe is not an error.
+/// Prints `text` and a line end, with lines no longer than a terminal is wide. A closed pipe is not an error.
 pub fn line(text: impl Display) -> super::Outcome {
     styled(visible::lines(&text.to_string()))
 }
 
 /// Prints as [`line`] does, but keeps colours of the program. Untrusted parts of `text` must have been made [`visible`] before.
 pub fn styled(text: impl Display) -> super::Outcome {
-    written(writeln!(io::stdout().lock(), "{text}"))
+    let mut output = io::stdout().lock();
+    let text = text.to_string();
+    written(writeln!(output, "{}", wrapped(&text, width(output.is_terminal()))))
+}
+
+/// Returns the width of the terminal; nothing if the output is a file or a pipe.
+fn width(is_terminal: bool) -> Option<usize> {
+    let (width, _) = terminal_size::terminal_size().filter(|_| is_terminal)?;
+    Some(usize::from(width.0)).filter(|width| *width >= NARROWEST)
+}
+
+/// Width of a terminal below which lines are left as they are.
+const NARROWEST: usize = 40;
+/// Beginning of a line with a command to copy, which stays in one piece.
+const COMMAND: &str = "next: ";
+/// Columns in which the text after a label may begin.
+const LABELS: std::ops::Range<usize> = 4..20;
+
+/// Returns `text` with its lines wrapped at `width`. What continues a line is indented further than the line, or as the text after its
+/// label is.
+fn wrapped(text: &str, width: Option<usize>) -> Cow<'_, str> {
+    let Some(width) = width else { return Cow::Borrowed(text) };
+    let fit = |line: &str| {
+        if line.trim_start().starts_with(COMMAND) {
+            return line.to_owned();
+        }
+        let indentation = " ".repeat(indentation(line));
+        textwrap::fill(line, textwrap::Options::new(width).subsequent_indent(&indentation).break_words(false))
+    };
+    Cow::Owned(text.split('\n').map(fit).collect::<Vec<_>>().join("\n"))
+}
+
+/// Returns the indentation of what continues a line.
+fn indentation(line: &str) -> usize {
+    let start = line.chars().take_while(|letter| *letter == ' ').count();
+    let after_label = line.char_indices().skip(start).map(|(at, _)| at).find(|at| line[*at..].starts_with("  "));
+    let text = after_label.map(|at| at + line[at..].chars().take_while(|letter| *letter == ' ').count());
+    text.filter(|column| LABELS.contains(column)).unwrap_or(start + 2)
 }
 
 /// Prints `value` as JSON on one line.
 pub fn json(value: &impl Serialize) -> super::Outcome {
-    line(serde_json::to_string(value)?)
+    whole(&serde_json::to_string(value)?)
+}
+
+/// Prints text for programs, such as JSON, and a line end.
+pub fn whole(text: &str) -> super::Outcome {
+    written(writeln!(io::stdout().lock(), "{}", visible::lines(text)))
 }
 
 /// Prints `text` without adding a line end. Control characters are escaped only if standard output is a terminal. A
@@ -46,5 +89,29 @@ pub fn aside(text: impl Display) {
 
 /// Prints a line that continues the previous message on standard error.
 pub fn detail(text: impl Display) {
-    let _ = writeln!(io::stderr().lock(), "{}", visible::lines(&text.to_string()));
+    let mut output = io::stderr().lock();
+    let text = visible::lines(&text.to_string()).into_owned();
+    let _ = writeln!(output, "{}", wrapped(&text, width(output.is_terminal())));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_fit_the_terminal_and_commands_stay_in_one_piece() {
+        let text = "Good: expected projection error below 0.025 px over the sensor\n  warning: a long sentence about the board that goes on\n  next: evcal check recording.raw --board acircles:9x4:55mm:r17.5mm";
+        let expected = "Good: expected projection error below\n  0.025 px over the sensor\n  warning: a long sentence about the board\n    that goes on\n  next: evcal check recording.raw --board acircles:9x4:55mm:r17.5mm";
+        assert_eq!(wrapped(text, Some(42)), expected);
+        assert_eq!(wrapped(text, None), text);
+        let check =
+            "file        recording.raw\nnote        times are taken for microseconds, because they are whole numbers";
+        let expected = "file        recording.raw\nnote        times are taken for\n            microseconds, because they\n            are whole numbers";
+        assert_eq!(wrapped(check, Some(40)), expected);
+        // Colours have no width.
+        assert_eq!(
+            wrapped("\x1b[32mGood: the board is flat and was seen\x1b[0m", Some(40)),
+            "\x1b[32mGood: the board is flat and was seen\x1b[0m"
+        );
+    }
 }

@@ -223,7 +223,7 @@ fn print_summary(arguments: &Arguments, written: &WrittenFolder) -> super::Outco
         return print::json(truth);
     }
     if arguments.verbose {
-        print::line(serde_json::to_string_pretty(truth)?)?;
+        print::whole(&serde_json::to_string_pretty(truth)?)?;
     }
     let total = counts.off + counts.on;
     print::line(format!(

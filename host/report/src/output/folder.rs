@@ -1,12 +1,11 @@
 //! Writes the folder of a calibration.
 
 use std::borrow::Cow;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::failure::is_failure;
 use super::input_files::input_files;
-use super::summary::summary;
+use super::summary::Summary;
 use crate::report::drawing::{Picture, grey_frame_picture, reference_frame_picture};
 use crate::report::{ResultFile, Sections, sections};
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
@@ -52,8 +51,8 @@ const CIRCLES: (&str, &str) = ("circles", "csv");
 pub struct Written {
     /// The content of `calibration.json`, on one line.
     pub json: String,
-    /// A few lines with the result.
-    pub summary: String,
+    /// The result in words.
+    pub summary: Summary,
     /// Input, output and rejected data of each stage.
     pub stage_report: String,
 }
@@ -142,7 +141,7 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
     let failed = |error: serde_json::Error| FileError::new(&folder.join("calibration.json"), error.into());
     let json = serde_json::to_string(&calibration).map_err(failed)?;
     let stage_report = stage_report(calibrated);
-    let mut summary = summary(&calibration);
+    let mut notes = Vec::new();
     put(folder.join("calibration.json"), serde_json::to_string_pretty(&calibration).map_err(failed)?.as_bytes())?;
     put(folder.join("settings.toml"), task.settings.to_commented_toml().as_bytes())?;
     put(folder.join("stages.txt"), stage_report.as_bytes())?;
@@ -167,24 +166,15 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
         if 2 * determined.len() < poses.len() {
             let (certain, all) = (of_recording(TRAJECTORY), of_recording(POSES));
             let (kept, count) = (determined.len(), poses.len());
-            let _ = write!(
-                summary,
-                "\n{certain} contains {kept} of {count} poses; the others are too uncertain. {all} contains all"
-            );
+            notes.push(format!(
+                "{certain} contains {kept} of {count} poses; the others are too uncertain. {all} contains all"
+            ));
         }
         let frames = frames(calibrated, recording);
         let origin = (start * 1e6).round() as i64;
         evcal_files::write_with(&folder.join(of_recording(CIRCLES)), |file| {
             track::write(file, frames, &task.board.lattice(), origin)
         })?;
-    }
-    if let Some((nearest, farthest)) = distances {
-        // A user notices a wrong unit of the board here.
-        let _ = write!(
-            summary,
-            "\nboard: {nearest:.2} to {farthest:.2} m away from the camera. If this is wrong, the lengths in the description of the board are wrong by \
-             the same factor, which no other figure reveals"
-        );
     }
     match &calibrated.evidence {
         Evidence::Pictures(pictures) if pictures.report.source == PictureSource::Frames => {
@@ -202,11 +192,11 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
             Ok(exported) => {
                 put(folder.join(&name), exported.text.as_bytes())?;
                 if let Some(note) = exported.note {
-                    let _ = write!(summary, "\n{}: {note}", name.display());
+                    notes.push(format!("{}: {note}", name.display()));
                 }
             }
             Err(error) => {
-                let _ = write!(summary, "\nno {}: {error}", name.display());
+                notes.push(format!("no {}: {error}", name.display()));
             }
         }
     }
@@ -222,9 +212,11 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
             }
         }
         Err(error) => {
-            let _ = write!(summary, "\nno exports for several cameras: {error}");
+            notes.push(format!("no exports for several cameras: {error}"));
         }
     }
+    let distances = distances.map(|(nearest, farthest)| nearest..=farthest);
+    let summary = Summary::new(&calibration, distances, notes);
     let CalibrationFile { input_files, .. } = calibration;
     Ok((Written { json, summary, stage_report }, input_files))
 }

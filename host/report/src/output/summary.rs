@@ -1,15 +1,73 @@
 //! The summary of a calibration for a terminal.
 
 use std::fmt::Write as _;
+use std::ops::RangeInclusive;
 
 use evcal_core::camera::ModelKind;
 
+use evcal_calibrate::quality::verdict::Severity;
 use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
 use evcal_calibrate::result::second_camera_result::SecondCameraResult;
 use event_recordings::pass::RecordingReport;
 
-/// Returns the parameters of the lens, the verdict and the figures behind it.
-pub fn summary(calibration: &CalibrationFile) -> String {
+/// A calibration in words, for a terminal.
+pub struct Summary {
+    /// Everything but the result: all parameters, the figures behind the verdict, notes.
+    pub details: String,
+    /// The focal lengths and the principal point in one line, and the sentences on the IMU and on further cameras.
+    pub result: String,
+    /// The warnings, and then the verdict in one sentence.
+    pub verdict: String,
+    /// Number of notes in `details`.
+    pub notes: usize,
+}
+
+impl Summary {
+    /// Builds the summary. The board was `distances` (m) away from the camera, if that is known; `more` has notes on written files.
+    pub fn new(calibration: &CalibrationFile, distances: Option<RangeInclusive<f64>>, more: Vec<String>) -> Self {
+        let verdict = &calibration.verdict;
+        let (notes, grave): (Vec<_>, Vec<_>) =
+            verdict.findings.iter().partition(|finding| finding.severity == Severity::Note);
+        let of_verdict = notes.iter().map(ToString::to_string);
+        let notes: Vec<String> = of_verdict.chain(notes_on(&calibration.stages.recordings)).chain(more).collect();
+        let mut lines: Vec<String> = grave.iter().map(|finding| format!("  {finding}")).collect();
+        lines.push(verdict.sentence.clone());
+        Self {
+            details: [details(calibration, distances.as_ref()), notes.join("\n")].join("\n").trim_end().to_owned(),
+            result: result(calibration, distances.as_ref()),
+            verdict: lines.join("\n"),
+            notes: notes.len(),
+        }
+    }
+}
+
+/// Returns the camera in one line, and what was calibrated with it.
+fn result(calibration: &CalibrationFile, distances: Option<&RangeInclusive<f64>>) -> String {
+    let (camera, sensor) = (&calibration.camera, calibration.sensor);
+    let of = |name: &&str| {
+        let (value, sigma) = (camera.parameters.get(name)?, calibration.sigma.parameters.get(name)?);
+        Some(format!("{name} {value:.2} ± {sigma:.2}"))
+    };
+    let shown: Vec<String> = parameter_names(&camera.model).iter().take(4).filter_map(of).collect();
+    let mut text = format!("camera {}, {} x {}: {} px", camera.model, sensor.width, sensor.height, shown.join(", "));
+    if let Some(distances) = distances {
+        let _ = write!(text, "; board {:.2} to {:.2} m away", distances.start(), distances.end());
+    }
+    if let Some(inertial) = &calibration.inertial {
+        let _ = write!(text, "\n{}", inertial.sentences());
+    }
+    let is_other = |second: &&SecondCameraResult| second.from_identity.is_none();
+    for (number, second) in (1..).zip(calibration.second_cameras.iter().filter(is_other)) {
+        let _ = write!(text, "\ncam{number} in exports: {}", second.sentences());
+    }
+    for own_frames in calibration.second_cameras.iter().filter(|second| !is_other(second)) {
+        let _ = write!(text, "\n{}", own_frames.sentences());
+    }
+    text.trim_end().to_owned()
+}
+
+/// Returns the parameters of the lens and the figures behind the verdict.
+fn details(calibration: &CalibrationFile, distances: Option<&RangeInclusive<f64>>) -> String {
     let mut text = String::new();
     let sensor = calibration.sensor;
     if !calibration.second_cameras.is_empty() {
@@ -30,7 +88,6 @@ pub fn summary(calibration: &CalibrationFile) -> String {
     if let Some(choice) = &calibration.stages.model_choice {
         let _ = writeln!(text, "{}", choice.reason());
     }
-    let _ = writeln!(text, "{}", calibration.verdict);
     if let Some(halves) = &calibration.split_half {
         let _ = writeln!(
             text,
@@ -78,22 +135,21 @@ pub fn summary(calibration: &CalibrationFile) -> String {
             1e3 * joint.time_offset_sigma
         );
     }
-    if let Some(inertial) = &calibration.inertial {
-        let _ = write!(text, "\n{}", inertial.sentences());
+    if let Some(distances) = distances {
+        // A user notices a wrong unit of the board here.
+        let _ = write!(
+            text,
+            "\nboard: {:.2} to {:.2} m away from the camera. If this is wrong, the lengths in the description of the board are wrong by \
+             the same factor, which no other figure reveals",
+            distances.start(),
+            distances.end()
+        );
     }
-    let is_other = |second: &&SecondCameraResult| second.from_identity.is_none();
-    for (number, second) in (1..).zip(calibration.second_cameras.iter().filter(is_other)) {
-        let _ = write!(text, "\ncam{number} in exports: {}", second.sentences());
-    }
-    for own_frames in calibration.second_cameras.iter().filter(|second| !is_other(second)) {
-        let _ = write!(text, "\n{}", own_frames.sentences());
-    }
-    text.extend(notes(&calibration.stages.recordings));
     text
 }
 
 /// Returns the notes on recordings; recordings with the same note share a line.
-fn notes(recordings: &[RecordingReport]) -> Vec<String> {
+fn notes_on(recordings: &[RecordingReport]) -> Vec<String> {
     let mut noted: Vec<(&str, Vec<usize>)> = Vec::new();
     for (number, recording) in (1..).zip(recordings) {
         for note in &recording.notes {
@@ -104,8 +160,8 @@ fn notes(recordings: &[RecordingReport]) -> Vec<String> {
         }
     }
     let line = |(note, numbers): (&str, Vec<usize>)| match numbers[..] {
-        [first, .., last] => format!("\nnote on {} recordings, {first} to {last}: {note}", numbers.len()),
-        [number] => format!("\nnote on recording {number}: {note}"),
+        [first, .., last] => format!("note on {} recordings, {first} to {last}: {note}", numbers.len()),
+        [number] => format!("note on recording {number}: {note}"),
         [] => String::new(),
     };
     noted.into_iter().map(line).collect()

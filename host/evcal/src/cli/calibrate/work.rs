@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
+use std::path::Path;
 
 use evcal_calibrate::calibrate::calibrate;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
@@ -26,7 +27,8 @@ use evcal_files::folder::OutputFolder;
 use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_report::output::failure::{Failure, write_failure};
-use evcal_report::output::folder::write_folder;
+use evcal_report::output::folder::{Written, write_folder};
+use evcal_report::output::summary::Summary;
 use evcal_solve::initial::model_choice::ModelRequest;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use rayon::ThreadPool;
@@ -153,6 +155,25 @@ impl Work<'_> {
         Attempt { calibrated, stages }
     }
 
+    /// Prints the result, the verdict last.
+    fn print_result(&self, written: &Written, calibrated: &Calibrated, folder: &Path) -> Outcome {
+        let Summary { details, result, verdict, notes } = &written.summary;
+        let more = match (self.arguments.verbose, notes) {
+            (true, _) => {
+                print::line(details)?;
+                print::line(format!("\n{}", written.stage_report))?;
+                String::new()
+            }
+            (false, 0) => "; --verbose prints all figures".to_owned(),
+            (false, 1) => "; --verbose prints all figures and a note".to_owned(),
+            (false, notes) => format!("; --verbose prints all figures and {notes} notes"),
+        };
+        print::styled(coloured(&visible::lines(result), calibrated))?;
+        let report = visible::path(folder.join("report.html"));
+        print::line(format!("open {report} first; all results are in {}{more}", visible::path(folder)))?;
+        print::styled(coloured(&visible::lines(verdict), calibrated))
+    }
+
     /// Calibrates the IMU and the other cameras, writes the results or the failure into `folder`, and prints them.
     pub fn finish(&self, attempt: Attempt, mut waiting: Waiting, folder: &OutputFolder) -> Outcome {
         let command_line = command_line();
@@ -174,18 +195,9 @@ impl Work<'_> {
         let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
         waiting.finish();
         if self.arguments.json {
-            print::line(written.json)?;
+            print::whole(&written.json)?;
         } else {
-            print::styled(coloured(&visible::lines(&written.summary), &calibrated))?;
-            if self.arguments.verbose {
-                print::line(format!("\n{}", written.stage_report))?;
-            }
-            let folder = folder.path();
-            print::line(format!(
-                "\nopen {} first; all results are in {}",
-                visible::path(folder.join("report.html")),
-                visible::path(folder)
-            ))?;
+            self.print_result(&written, &calibrated, folder.path())?;
         }
         let is_reported = calibrated.verdict.findings.iter().any(|finding| finding.cause == Cause::LargerBoard);
         if calibrated.verdict.grade == Grade::NotGood
