@@ -2,7 +2,6 @@
 //! seconds.
 
 mod advice;
-pub mod silent;
 pub mod units;
 
 use std::collections::BTreeSet;

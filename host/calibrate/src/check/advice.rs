@@ -1,19 +1,16 @@
 //! The most important next step.
 
-use super::silent::silent_advice;
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
+use crate::quality::verdict::Finding;
 use evcal_detection::detection::exchanged::Exchanged;
+use evcal_detection::detection::focus::EdgeWidth;
 use evcal_detection::detection::still_views::FEWEST_VIEWS;
 use evcal_detection::detection::{FEWEST_EVENTS, too_short};
-use evcal_detection::diagnosis::bad_pixels::Repetition;
+use evcal_detection::diagnosis::bad_pixels::HotPixels;
 use evcal_detection::diagnosis::disorder::Disorder;
-use evcal_detection::diagnosis::double_edges::DoubleEdges;
 use evcal_detection::diagnosis::information::Information;
-use evcal_detection::diagnosis::lost_events::LostEvents;
-use evcal_detection::diagnosis::rounded::Rounded;
 use evcal_detection::diagnosis::silent_lines::SilentLines;
-use evcal_detection::diagnosis::time_steps::CoarseTimes;
 use event_recordings::{Recording, RecordingOptions};
 
 /// Share of events outside the sensor, or from hot pixels, from which advice is given.
@@ -45,7 +42,7 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     }
     let is_known = checked.seen.as_ref().is_some_and(Seen::shows_a_known_board);
     if let (Some(coarse), false) = (information.coarse_times, is_known) {
-        return Advice::Plain(format!("{coarse}: {}", CoarseTimes::ADVICE));
+        return Finding::from(coarse).into();
     }
     if let Some(sensor) = checked.counted_from_one {
         return Advice::CountFromZero { sensor, name_sensor: information.sensor.is_none() };
@@ -60,28 +57,24 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
         return Advice::BothPolarities(polarity);
     }
     if let Some(disorder) = Disorder::met(&information.report) {
-        return Advice::Plain(format!("{disorder}: {}", Disorder::ADVICE));
+        return Finding::from(disorder).into();
     }
     if let Some(rounded) = checked.rounded {
-        return Advice::Plain(format!("{rounded}: {}", Rounded::ADVICE));
+        return Finding::from(rounded).into();
     }
     if let Some(silent) = &checked.silent
         && is_grave(silent)
     {
-        let advice = silent_advice(silent);
-        return match advice {
-            Advice::Plain(next) => Advice::Plain(format!("{silent}: {next}")),
-            others => others,
-        };
+        return Finding::from(silent).into();
     }
     if let (Some(repeated), None) = (checked.repeated, information.coarse_times) {
-        return Advice::Plain(format!("{repeated}: {}", Repetition::ADVICE));
+        return Finding::from(repeated).into();
     }
     if let Some(edges) = checked.double_edges {
-        return Advice::Plain(format!("{edges}: {}", DoubleEdges::ADVICE));
+        return Finding::from(edges).into();
     }
     if let Some(lost) = checked.lost_events {
-        return Advice::Plain(format!("{lost}: {}", LostEvents::ADVICE));
+        return Finding::from(lost).into();
     }
     match &checked.seen {
         None => "the sensor is larger than evcal supports".into(),
@@ -89,14 +82,11 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     }
 }
 
-/// Smallest share of the sensor without events that is the reason why the board is not found, or covers little of the image.
-const LARGE_AREA: f64 = 0.2;
-
 /// Returns `true` if silent lines make a calibration wrong or impossible.
 fn is_grave(silent: &SilentLines) -> bool {
     match silent {
         SilentLines::SmallerSensor { .. } | SilentLines::Scaled { .. } | SilentLines::CountedFromOne { .. } => true,
-        SilentLines::Region { .. } | SilentLines::Corner { .. } => silent.silent_area() >= LARGE_AREA,
+        SilentLines::Region { .. } | SilentLines::Corner { .. } => silent.is_large(),
         SilentLines::Lines { .. } => false,
     }
 }
@@ -130,15 +120,13 @@ fn next_of_board(checked: &Checked, seen: &Seen, recording: &Recording) -> Advic
         return next_at_rest(seen, recording);
     }
     if let (Some(flicker), true) = (checked.information.flicker, *share < ENOUGH) {
-        return Advice::Plain(format!(
-            "the light flickers at {} Hz and hides the board: use daylight or a lamp on direct current",
-            flicker.frequency
-        ));
+        return Finding::from(flicker).into();
     }
-    let hot: u64 = checked.information.hottest_pixels.iter().map(|pixel| pixel.events).sum();
-    if hot as f64 > FEW_EVENTS * checked.information.events as f64 && *share < ENOUGH {
-        return "a large share of the events comes from hot pixels: raise the camera's thresholds, and record again"
-            .into();
+    let hottest = &checked.information.hottest_pixels;
+    let events: u64 = hottest.iter().map(|pixel| pixel.events).sum();
+    let hot = HotPixels { count: hottest.len(), share: events as f64 / checked.information.events.max(1) as f64 };
+    if hot.share > FEW_EVENTS && *share < ENOUGH {
+        return Finding::from(hot).into();
     }
     let Some(board) = board else {
         return match (found, recognised) {
@@ -159,8 +147,8 @@ fn next_of_board(checked: &Checked, seen: &Seen, recording: &Recording) -> Advic
             100.0 * covered
         ));
     }
-    if edges.is_some_and(|edges| edges.is_blurred()) {
-        return "the circles are blurred: focus the lens on the distance of the board, and clean it".into();
+    if let Some(edges) = edges.filter(EdgeWidth::is_blurred) {
+        return Finding::from(edges).into();
     }
     if checked.whole && checked.information.duration_s < SHORT {
         return "the recording is short: record 10 seconds".into();

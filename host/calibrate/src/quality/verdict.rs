@@ -3,6 +3,7 @@
 pub(crate) mod board_statement;
 mod findings;
 mod settings;
+mod symptoms;
 
 use evcal_core::sensor::Sensor;
 use std::fmt;
@@ -201,6 +202,16 @@ impl Finding {
     /// Returns the finding with this advice.
     pub fn new(cause: Cause, severity: Severity, reason: String, advice: impl Into<Advice>) -> Self {
         Self { cause, severity, reason, advice: advice.into() }
+    }
+}
+
+impl From<Finding> for Advice {
+    /// The reason, and what to do.
+    fn from(Finding { reason, advice, .. }: Finding) -> Self {
+        match advice {
+            Advice::Plain(advice) => Advice::Plain(format!("{reason}: {advice}")),
+            others => others,
+        }
     }
 }
 

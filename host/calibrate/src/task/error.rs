@@ -1,7 +1,6 @@
 //! Errors of a calibration.
 
 use super::board_choice::LargerBoard;
-use crate::check::silent::IS_IT_BROKEN;
 use crate::check::units::OtherUnit;
 use crate::picture_calibration::alignment::Misalignment;
 use crate::picture_calibration::calibration::NoPictureCalibration;
@@ -62,7 +61,7 @@ pub enum CalibrateError {
         times: CoarseTimes,
     },
     /// No board is found, and a large area of the sensor is silent.
-    #[error("{file}: no board found, and {silent}: {}", IS_IT_BROKEN)]
+    #[error("{file}: no board found, and {silent}: {}", SilentLines::ADVICE)]
     SilentArea {
         /// The file name.
         file: String,

@@ -1,5 +1,7 @@
 //! Sharpness of the circles of a window: the width of the band of events about their rims.
 
+use std::fmt;
+
 use nalgebra::Vector2;
 use serde::Serialize;
 
@@ -29,10 +31,19 @@ pub struct EdgeWidth {
 }
 
 impl EdgeWidth {
+    /// Remedy for blurred circles.
+    pub const ADVICE: &str = "focus the lens on the distance of the board, and clean it";
+
     /// Returns `true` if the circles are blurred.
     pub fn is_blurred(&self) -> bool {
         let [pixels, radii] = BLURRED;
         self.pixels > pixels && self.radii > radii
+    }
+}
+
+impl fmt::Display for EdgeWidth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the circles' edges are blurred over {:.1} px", self.pixels)
     }
 }
 

@@ -23,13 +23,34 @@ pub struct Repetition {
     pub share: f64,
 }
 
+/// Hot pixels are reported if they send more than this share of the events.
+const MANY_HOT: f64 = 0.02;
+
+/// Pixels that send far too many events.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HotPixels {
+    /// Their number.
+    pub count: usize,
+    /// Their share of all events.
+    pub share: f64,
+}
+
+impl HotPixels {
+    /// Remedy.
+    pub const ADVICE: &str = "raise the contrast thresholds of the camera's pixels";
+}
+
+impl fmt::Display for HotPixels {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} hot pixels send {:.0} % of all events", self.count, 100.0 * self.share)
+    }
+}
+
 /// Result of the diagnosis of pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BadPixels {
-    /// Number of hot pixels.
-    pub hot: usize,
-    /// Their share of all events.
-    pub hot_share: f64,
+    /// Hot pixels, if they send many events.
+    pub hot: Option<HotPixels>,
     /// Repeated events, if there are many.
     pub repeated: Option<Repetition>,
     /// Columns and rows without events, if there are any.
@@ -47,8 +68,8 @@ impl BadPixels {
         let hot = || each().filter(|count| *count > limit);
         let (of_hot, all): (u64, u64) = (hot().sum(), each().sum());
         Self {
-            hot: hot().count(),
-            hot_share: of_hot as f64 / all.max(1) as f64,
+            hot: Some(HotPixels { count: hot().count(), share: of_hot as f64 / all.max(1) as f64 })
+                .filter(|hot| hot.share > MANY_HOT),
             repeated: Some(Repetition { share: repeated as f64 / all.max(1) as f64 })
                 .filter(|repeated| repeated.share > MANY_REPEATED),
             silent: SilentLines::found(counts, width),
@@ -94,8 +115,7 @@ mod tests {
         // As many as all others.
         counts[63] = 27_000;
         let found = BadPixels::of_counts(&counts, 20, 0);
-        assert_eq!(found.hot, 1);
-        assert!((found.hot_share - 0.5).abs() < 0.01, "{found:?}");
+        assert!(found.hot.is_some_and(|hot| hot.count == 1 && (hot.share - 0.5).abs() < 0.01), "{found:?}");
     }
 
     /// A recording that contains each event twice must be reported, because its standard deviations are too small.

@@ -23,6 +23,8 @@ const SHARE_OF_EDGE: f64 = 0.3;
 const AREA: usize = 8;
 /// Share of a side from which, and up to which, a part of it is called a half.
 const HALF: std::ops::Range<f64> = 0.4..0.6;
+/// Smallest share of the sensor of a large area.
+const LARGE_AREA: f64 = 0.2;
 /// Smallest share of the sensor's width and height that a silent corner has.
 const CORNER: f64 = 0.24;
 
@@ -77,6 +79,17 @@ pub enum SilentLines {
 }
 
 impl SilentLines {
+    /// Remedy for areas and single lines.
+    pub const ADVICE: &str = "is a region of interest set, or the sensor broken?";
+    /// Remedy for pixels that are counted from 1.
+    pub const COUNT_FROM_ZERO: &str = "if the program that wrote the file counts from 1, subtract 1 there: otherwise the principal point is off by one pixel";
+
+    /// Returns `true` if the sensor without events is large enough to be the reason why the board is not found, or covers little of
+    /// the image.
+    pub fn is_large(&self) -> bool {
+        self.silent_area() >= LARGE_AREA
+    }
+
     /// Returns the meaning of silent columns and rows, from the number of events of each pixel, row by row of `width` pixels;
     /// `None` without any, or if there are too few events.
     pub fn found(events: &[u32], width: usize) -> Option<Self> {

@@ -1,15 +1,12 @@
 //! Findings on light, lens and pixels for the verdict.
 
-use crate::check::silent::silent_advice;
 use crate::quality::verdict::{Cause, Finding, Severity};
 use evcal_detection::detection::focus::EdgeWidth;
-use evcal_detection::diagnosis::bad_pixels::{BadPixels, Repetition};
+use evcal_detection::diagnosis::bad_pixels::BadPixels;
 use evcal_detection::diagnosis::disorder::Disorder;
 use evcal_detection::diagnosis::double_edges::DoubleEdges;
 use evcal_detection::diagnosis::flicker::Flicker;
 use evcal_detection::diagnosis::lost_events::LostEvents;
-use evcal_detection::diagnosis::rounded::Rounded;
-use evcal_detection::diagnosis::silent_lines::SilentLines;
 use evcal_detection::diagnosis::time_steps::CoarseTimes;
 
 /// Quality of a recording.
@@ -27,165 +24,49 @@ pub(in crate::calibrate) struct Health {
     pub(in crate::calibrate) edges: Option<EdgeWidth>,
 }
 
-/// Flicker with a larger share of events in alternating bursts of ON and OFF is a warning, because areas without edges
-/// then send so many events that the readout saturates.
-const STRONG_FLICKER: f64 = 0.75;
-/// Hot pixels are reported if they send more than this share of the events.
-const MANY_HOT: f64 = 0.02;
-
 /// Returns the findings on all recordings, each kind once: the worst case.
 pub(in crate::calibrate) fn findings_on(recordings: &[Health]) -> Vec<Finding> {
-    let flicker = recordings.iter().filter_map(|health| health.flicker).max_by(|a, b| a.share.total_cmp(&b.share));
-    let hottest = recordings.iter().map(|health| &health.pixels).max_by(|a, b| a.hot_share.total_cmp(&b.hot_share));
+    let all = || recordings.iter();
     // Coarse times make equal events of different ones.
-    let fine = recordings.iter().filter(|health| health.coarse_times.is_none());
-    let repeated = fine.filter_map(|health| health.pixels.repeated);
-    let most_repeated = repeated.max_by(|a, b| a.share.total_cmp(&b.share));
-    let widths = recordings.iter().filter_map(|health| health.edges);
-    let widest = widths.max_by(|a, b| a.pixels.total_cmp(&b.pixels));
-    let mut findings = Vec::from_iter(flicker.map(flickering));
-    if recordings.iter().any(|health| health.always_full) {
+    let fine = || all().filter(|health| health.coarse_times.is_none());
+    let mut findings: Vec<Finding> = Vec::new();
+    findings.extend(worst(all().filter_map(|health| health.flicker), |flicker| flicker.share));
+    if all().any(|health| health.always_full) {
         findings.push(always_full());
     }
-    findings.extend(most_repeated.map(repeating));
-    findings.extend(recordings.iter().find_map(|health| health.double_edges).map(doubled));
-    findings.extend(recordings.iter().filter_map(|health| health.lost_events).find(LostEvents::is_certain).map(lost));
-    let disorders = recordings.iter().filter_map(|health| health.disorder);
-    findings.extend(disorders.max_by(|a, b| a.share.total_cmp(&b.share)).map(out_of_order));
-    findings.extend(recordings.iter().find_map(|health| health.coarse_times).map(too_coarse));
-    findings.extend(recordings.iter().find_map(|health| health.pixels.rounded).map(already_undistorted));
-    findings.extend(hottest.and_then(hot));
-    findings.extend(recordings.iter().find_map(|health| health.pixels.silent.as_ref()).map(silent));
-    findings.extend(widest.and_then(out_of_focus));
+    findings.extend(worst(fine().filter_map(|health| health.pixels.repeated), |repeated| repeated.share));
+    findings.extend(all().find_map(|health| health.double_edges).map(Finding::from));
+    findings.extend(all().filter_map(|health| health.lost_events).find(LostEvents::is_certain).map(Finding::from));
+    findings.extend(worst(all().filter_map(|health| health.disorder), |disorder| disorder.share));
+    findings.extend(all().find_map(|health| health.coarse_times).map(Finding::from));
+    findings.extend(all().find_map(|health| health.pixels.rounded).map(Finding::from));
+    findings.extend(worst(all().filter_map(|health| health.pixels.hot), |hot| hot.share));
+    findings.extend(all().find_map(|health| health.pixels.silent.as_ref()).map(Finding::from));
+    let blurred = all().filter_map(|health| health.edges).filter(EdgeWidth::is_blurred);
+    findings.extend(worst(blurred, |edges| edges.pixels));
     findings
 }
 
-fn flickering(Flicker { frequency, share, fills_readout }: Flicker) -> Finding {
-    let advice = "use daylight or a lamp on direct current".into();
-    if fills_readout {
-        let reason = format!(
-            "the light flickers at {frequency} Hz or more and makes more events than the camera can send: their times are late"
-        );
-        return Finding { cause: Cause::Flicker, severity: Severity::Failure, reason, advice };
-    }
-    Finding {
-        cause: Cause::Flicker,
-        severity: if share > STRONG_FLICKER { Severity::Warning } else { Severity::Note },
-        reason: format!(
-            "the light flickers at {frequency} Hz, and the event rate varies with it by {:.0} %",
-            100.0 * share
-        ),
-        advice,
-    }
+/// Returns the finding on the symptom with the largest `strength`.
+fn worst<S: Copy + Into<Finding>>(symptoms: impl Iterator<Item = S>, strength: impl Fn(&S) -> f64) -> Option<Finding> {
+    symptoms.max_by(|a, b| strength(a).total_cmp(&strength(b))).map(Into::into)
 }
 
 fn always_full() -> Finding {
-    Finding {
-        cause: Cause::Saturated,
-        severity: Severity::Failure,
-        reason: "the camera sent events at its maximum rate all the time: their times are late by an unknown amount".to_owned(),
-        advice: "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels".into(),
-    }
-}
-
-fn doubled(edges: DoubleEdges) -> Finding {
-    Finding {
-        // A camera between two cameras fits none of them.
-        cause: Cause::DoubleEdges,
-        severity: Severity::Failure,
-        reason: edges.to_string(),
-        advice: DoubleEdges::ADVICE.into(),
-    }
-}
-
-fn lost(lost: LostEvents) -> Finding {
-    Finding {
-        // The uncertainty includes what they change.
-        cause: Cause::LostEvents,
-        severity: Severity::Warning,
-        reason: lost.to_string(),
-        advice: LostEvents::ADVICE.into(),
-    }
-}
-
-fn out_of_order(disorder: Disorder) -> Finding {
-    Finding {
-        cause: Cause::OutOfOrder,
-        severity: Severity::Warning,
-        reason: disorder.to_string(),
-        advice: Disorder::ADVICE.into(),
-    }
-}
-
-fn already_undistorted(rounded: Rounded) -> Finding {
-    Finding {
-        // Remaining distortion does not come from the lens.
-        cause: Cause::Undistorted,
-        severity: Severity::Failure,
-        reason: rounded.to_string(),
-        advice: Rounded::ADVICE.into(),
-    }
-}
-
-fn too_coarse(times: CoarseTimes) -> Finding {
-    Finding {
-        cause: Cause::CoarseTimes,
-        severity: Severity::Warning,
-        reason: times.to_string(),
-        advice: CoarseTimes::ADVICE.into(),
-    }
-}
-
-fn repeating(repeated: Repetition) -> Finding {
-    Finding {
-        // The same evidence counted twice makes σ too small.
-        cause: Cause::RepeatedEvents,
-        severity: Severity::Warning,
-        reason: repeated.to_string(),
-        advice: Repetition::ADVICE.into(),
-    }
-}
-
-fn hot(pixels: &BadPixels) -> Option<Finding> {
-    (pixels.hot_share > MANY_HOT).then(|| Finding {
-        cause: Cause::HotPixels,
-        severity: Severity::Note,
-        reason: format!("{} hot pixels send {:.0} % of all events", pixels.hot, 100.0 * pixels.hot_share),
-        advice: "raise the contrast thresholds of the camera's pixels".into(),
-    })
-}
-
-/// A silent area of at least this share of the sensor is a warning.
-const LARGE_AREA: f64 = 0.2;
-
-fn silent(lines: &SilentLines) -> Finding {
-    let is_large = lines.silent_area() >= LARGE_AREA;
-    let (cause, severity) = match lines {
-        SilentLines::SmallerSensor { .. } => (Cause::OtherSensorSize, Severity::Failure),
-        SilentLines::Scaled { .. } => (Cause::Scaled, Severity::Failure),
-        // A single silent line may be broken.
-        SilentLines::CountedFromOne { columns, rows } => {
-            (Cause::CountedFromOne, if *columns && *rows { Severity::Failure } else { Severity::Warning })
-        }
-        SilentLines::Region { .. } | SilentLines::Corner { .. } if is_large => (Cause::SilentArea, Severity::Warning),
-        SilentLines::Region { .. } | SilentLines::Corner { .. } => (Cause::SilentArea, Severity::Note),
-        SilentLines::Lines { columns, .. } if columns.is_empty() => (Cause::DeadRows, Severity::Note),
-        SilentLines::Lines { .. } => (Cause::DeadColumns, Severity::Note),
-    };
-    Finding { cause, severity, reason: lines.to_string(), advice: silent_advice(lines) }
-}
-
-fn out_of_focus(edges: EdgeWidth) -> Option<Finding> {
-    edges.is_blurred().then(|| Finding {
-        cause: Cause::Defocused,
-        severity: Severity::Warning,
-        reason: format!("the circles' edges are blurred over {:.1} px", edges.pixels),
-        advice: "focus the lens on the distance of the board, and clean it".into(),
-    })
+    Finding::new(
+        Cause::Saturated,
+        Severity::Failure,
+        "the camera sent events at its maximum rate all the time: their times are late by an unknown amount".to_owned(),
+        "does the light flicker? Use daylight or a lamp on direct current; or raise the contrast thresholds of its pixels",
+    )
 }
 
 #[cfg(test)]
 mod tests {
+    use evcal_detection::diagnosis::bad_pixels::{HotPixels, Repetition};
+    use evcal_detection::diagnosis::rounded::Rounded;
+    use evcal_detection::diagnosis::silent_lines::SilentLines;
+
     use super::*;
 
     fn causes(recordings: &[Health]) -> Vec<(Cause, Severity)> {
@@ -207,7 +88,11 @@ mod tests {
         let full = Health { always_full: true, ..calm.clone() };
         assert_eq!(causes(&[full]), [(Cause::Saturated, Severity::Failure)]);
         let dead = SilentLines::Lines { columns: vec![7], rows: Vec::new() };
-        let pixels = BadPixels { hot: 5, hot_share: 0.3, silent: Some(dead.clone()), ..BadPixels::default() };
+        let pixels = BadPixels {
+            hot: Some(HotPixels { count: 5, share: 0.3 }),
+            silent: Some(dead.clone()),
+            ..BadPixels::default()
+        };
         let bad = Health { pixels, edges: Some(EdgeWidth { pixels: 4.0, radii: 0.3 }), ..calm };
         let found = causes(&[bad.clone(), bad]);
         assert_eq!(
