@@ -14,6 +14,7 @@ mod swap;
 pub mod text;
 pub mod unfinished;
 pub mod visible;
+pub mod xml;
 pub mod yaml;
 
 use std::fs::{self, File};

@@ -13,6 +13,11 @@ const SEARCH: [usize; 2] = [1 << 10, 1 << 16];
 const MOST_WASTED: u64 = 4 * LENGTH_MOST as u64;
 /// See [`MOST_WASTED`].
 const MOST_WASTED_FACTOR: u64 = 4;
+/// Limit for the bytes of all records that were compressed: this constant, plus [`MOST_UNPACKED_FACTOR`] times the length of the file.
+/// Records beyond it count as damaged.
+const MOST_UNPACKED: u64 = 1 << 28;
+/// See [`MOST_UNPACKED`].
+const MOST_UNPACKED_FACTOR: u64 = 256;
 /// Number of bytes as which a shorter damaged record counts, because each attempt also costs a seek.
 const LEAST_COST: u32 = 4096;
 
@@ -61,6 +66,8 @@ pub struct DumpReader<R> {
     gap: bool,
     /// Bytes read for records that were not good.
     wasted: u64,
+    /// Bytes of the records that were compressed, so far.
+    unpacked: u64,
     /// Progress of the writer, if the dump is still being written.
     growth: Option<Growth>,
 }
@@ -101,6 +108,7 @@ impl<R: Read + Seek> DumpReader<R> {
             damage: Damage::default(),
             gap: false,
             wasted: 0,
+            unpacked: 0,
             growth: None,
         })
     }
@@ -323,6 +331,10 @@ impl<R: Read + Seek> DumpReader<R> {
             return Ok(false);
         }
         if head.compressed {
+            self.unpacked = self.unpacked.saturating_add(u64::from(head.length));
+            if self.unpacked > self.length.saturating_mul(MOST_UNPACKED_FACTOR).saturating_add(MOST_UNPACKED) {
+                return Ok(false);
+            }
             match zstd::bulk::decompress(&self.stored, head.length as usize) {
                 Ok(contents) if contents.len() == head.length as usize => self.contents = contents,
                 _ => return Ok(false),

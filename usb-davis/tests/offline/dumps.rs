@@ -46,6 +46,31 @@ fn read(file: &[u8]) -> (Vec<Owned>, Damage) {
     (transfers, reader.damage())
 }
 
+/// A few kilobytes must not take as long as gigabytes.
+#[test]
+fn compressed_records_have_a_common_limit() {
+    let (mut file, payload) = (Vec::new(), vec![0; (1 << 24) - 64]);
+    let mut writer = DumpWriter::new(&mut file, &header(), Compression::Zstd(1)).expect("a vector takes it");
+    for host_ns in 0..20 {
+        let transfer = Transfer {
+            host_ns: Some(host_ns),
+            gap_before: false,
+            status: TransferStatus::Completed,
+            payload: &payload,
+        };
+        writer.transfer(&transfer).expect("a vector takes it");
+    }
+    writer.finish().expect("a vector takes it");
+    let most = (1 << 28) + 256 * file.len();
+    let mut reader = DumpReader::new(Cursor::new(&file)).expect("the header is whole");
+    let mut read = 0;
+    while let Some(record) = reader.next_record().expect("damage is not an error") {
+        read += usize::from(matches!(record, Record::Transfer(_)));
+    }
+    assert_eq!(read, most / payload.len());
+    assert_ne!(reader.damage(), Damage::default());
+}
+
 fn transfers(count: usize) -> Vec<Owned> {
     (0..count)
         .map(|index| {

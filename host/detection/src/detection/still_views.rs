@@ -89,9 +89,13 @@ struct Block {
 /// The change that an event shows: 1 or -1.
 #[derive(Clone, Copy, Debug)]
 struct Change {
-    pixel: usize,
+    pixel: u32,
     sign: i32,
 }
+
+/// Largest mean number of a pixel's changes in a moment that are kept. No light changes as much, but files may contain very many events
+/// of one time.
+const MOST_CHANGES: usize = 16;
 
 /// A view that may continue: blocks that agree.
 #[derive(Debug)]
@@ -239,7 +243,10 @@ impl Block {
                 self.end_moment();
                 self.moment.0 = event.t;
             }
-            self.moment.1.push(Change { pixel, sign: if event.polarity == Polarity::On { 1 } else { -1 } });
+            if self.moment.1.len() < MOST_CHANGES * self.counts.len() {
+                let sign = if event.polarity == Polarity::On { 1 } else { -1 };
+                self.moment.1.push(Change { pixel: pixel as u32, sign });
+            }
         }
         self.end = event.t;
         self.events += 1;
@@ -248,10 +255,11 @@ impl Block {
     /// Adds the changes of the last moment.
     fn end_moment(&mut self) {
         let changes = std::mem::take(&mut self.moment.1);
-        let known = changes.iter().map(|change| i64::from(change.sign * self.changes.get(change.pixel).unwrap_or(&0)));
+        let known =
+            changes.iter().map(|change| i64::from(change.sign * self.changes.get(change.pixel as usize).unwrap_or(&0)));
         let sign = if known.sum::<i64>() < 0 { -1 } else { 1 };
         for change in &changes {
-            if let Some(sum) = self.changes.get_mut(change.pixel) {
+            if let Some(sum) = self.changes.get_mut(change.pixel as usize) {
                 *sum += sign * change.sign;
             }
         }

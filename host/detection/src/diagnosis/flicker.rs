@@ -22,6 +22,8 @@ const EVEN: f64 = 0.97;
 const LAMPS: [f64; 4] = [100.0, 120.0, 50.0, 60.0];
 /// Shortest recording that is checked, in bins.
 const SHORTEST: usize = 250;
+/// Fewest events of an interval whose spectrum is computed: fewer show no flicker.
+const FEWEST_EVENTS: u64 = 100;
 /// Neighbouring lines with which a lamp's line is compared (Hz, for a whole interval).
 const NEIGHBOURS: std::ops::RangeInclusive<i32> = 3..=15;
 /// Smallest ratio of a lamp's line to its neighbours.
@@ -114,6 +116,9 @@ impl RateBins {
         for bins in interval.chunks_exact(LONG_BIN) {
             self.fullest = self.fullest.max(bins.iter().flatten().map(|count| u64::from(count.unsigned_abs())).sum());
         }
+        if events < FEWEST_EVENTS {
+            return;
+        }
         let between = INTERVAL as f64 / length as f64;
         let signals: [Vec<i32>; 2] = [1, -1].map(|sign| interval.iter().map(|[off, on]| on + sign * off).collect());
         for (signal, powers) in signals.iter().zip(&mut self.powers) {
@@ -204,6 +209,15 @@ mod tests {
             }
         }
         bins.flicker()
+    }
+
+    /// Every interval with an event would otherwise take as long as a full one.
+    #[test]
+    fn intervals_of_few_events_have_no_spectrum() {
+        let mut bins = RateBins::default();
+        (0..1000).for_each(|index| bins.add(990_000 * index, Polarity::On));
+        assert_eq!(bins.powers, RateBins::default().powers);
+        assert!(bins.bins > 0 && bins.flicker().is_none());
     }
 
     #[test]

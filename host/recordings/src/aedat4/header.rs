@@ -96,7 +96,7 @@ pub fn parse(bytes: &[u8]) -> Result<Header, HeaderError> {
 }
 
 fn streams(information: &str) -> Result<Vec<Stream>, HeaderError> {
-    let document = roxmltree::Document::parse(information)?;
+    let document = evcal_files::xml::parse(information)?;
     let is_named = |node: &roxmltree::Node, name| node.has_tag_name("node") && node.attribute("name") == Some(name);
     let outputs = document.descendants().find(|node| is_named(node, "outInfo"));
     let outputs = outputs.or_else(|| Some(document.root_element()).filter(|root| is_named(root, "info")));

@@ -86,8 +86,7 @@ pub fn find(file: &Hdf5File) -> Result<Contents, Error> {
             for stream in tables {
                 let is_named = is_named(&stream);
                 let (name, table) = stream;
-                let of_table =
-                    || table.datasets().into_iter().find_map(|data| geometry(|name| data.attribute(name).ok()));
+                let of_table = || table.datasets().into_iter().find_map(|data| geometry(&data.attributes()));
                 let sensor = own.or_else(of_table).or(outer);
                 let (frames, samples) = (frames.clone(), samples.clone());
                 contents.streams.push(Found { name, is_named, table, sensor, offset, frames, samples });
@@ -185,16 +184,17 @@ fn sensor(group: &hdf5_reader::group::Group, datasets: &[Dataset]) -> Option<Sen
 }
 
 fn of_group(group: &hdf5_reader::group::Group) -> Option<Sensor> {
-    geometry(|name| group.attribute(name).ok())
+    geometry(&group.attributes().ok()?)
 }
 
 /// Returns the size of the sensor from attributes: `geometry`, `width` and `height`, or one with both numbers.
-fn geometry(attribute: impl Fn(&str) -> Option<Attribute>) -> Option<Sensor> {
+fn geometry(attributes: &[Attribute]) -> Option<Sensor> {
+    let attribute = |name: &str| attributes.iter().find(|attribute| attribute.name == name);
     let sides = |text: String| {
         let (width, height) = text.split_once('x')?;
         Some(Sensor::new(width.trim().parse().ok()?, height.trim().parse().ok()?))
     };
-    let numbers = |name: &str| table::of_attribute(&attribute(name)?);
+    let numbers = |name: &str| table::of_attribute(attribute(name)?);
     let side = |name: &str| match numbers(name)?.as_slice() {
         [side] => side.pixel().filter(|side| *side > 0),
         _ => None,

@@ -1,6 +1,7 @@
 //! The header lines.
 
 use evcal_core::sensor::Sensor;
+use evcal_files::text::excerpt;
 
 /// Length limit of a line in bytes.
 const LONGEST_LINE: usize = 1024;
@@ -66,10 +67,18 @@ impl Header {
     /// Returns the time in µs from which the times count, with a note about it. faery writes it as `t0` (RAW) or `T0`
     /// (DAT).
     pub fn zero(&self) -> (i64, Vec<String>) {
-        let number = |key| self.get(key)?.parse().ok();
-        let zero: i64 = number("t0").or_else(|| number("T0")).unwrap_or(0);
-        let note = || format!("the header states that times count from {zero} µs: this is added");
-        (zero, (zero != 0).then(note).into_iter().collect())
+        let Some(stated) = self.get("t0").or_else(|| self.get("T0")) else { return (0, Vec::new()) };
+        match stated.parse() {
+            Ok(0) => (0, Vec::new()),
+            Ok(zero) => (zero, vec![format!("the header states that times count from {zero} µs: this is added")]),
+            Err(_) => (
+                0,
+                vec![format!(
+                    "the header states that times count from \"{}\", which is no number: nothing is added",
+                    excerpt(stated)
+                )],
+            ),
+        }
     }
 
     /// Returns the date of the recording, as in the header.
@@ -107,6 +116,13 @@ mod tests {
             assert_eq!(header.sensor(), sensor.map(Sensor::from), "{text}");
             assert_eq!((header.camera_name().as_deref(), text.as_bytes()[header.length]), (name, data as u8));
         }
+        let zero = |text: &str| Header::parse(text.as_bytes()).unwrap().zero();
+        assert_eq!(
+            zero("% T0 7\n."),
+            (7, vec!["the header states that times count from 7 µs: this is added".to_owned()])
+        );
+        assert_eq!(zero("% t0 0\n."), (0, Vec::new()));
+        assert!(matches!(zero("% t0 nan\n."), (0, notes) if notes[0].contains("is no number")));
         for text in ["", "no header", "% never ends", "%\n"] {
             assert!(Header::parse(text.as_bytes()).is_none(), "{text}");
         }

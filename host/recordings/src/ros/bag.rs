@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::Path;
 
-use super::container::{ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record};
+use super::container::{Budget, ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record};
 use super::fields::Wire;
 use super::message::Kind;
 use super::order::{ChunkOrder, IndexedChunk, Ordered, scan};
@@ -78,6 +78,7 @@ struct Bag {
     chunk: Chunk,
     header: Vec<u8>,
     packed: Vec<u8>,
+    budget: Budget,
     topics: Vec<Topic>,
     /// Indices of topics, by the number of the connection.
     connections: BTreeMap<u32, usize>,
@@ -176,6 +177,7 @@ impl Bag {
     fn new(path: &Path) -> Result<Self, RecordingError> {
         let mut file = ByteReader::open(path)?;
         file.seek(MAGIC.len() as u64)?;
+        let budget = Budget::of_file(file.length());
         Ok(Self {
             file,
             order: ChunkOrder::default(),
@@ -183,6 +185,7 @@ impl Bag {
             chunk: Chunk::default(),
             header: Vec::new(),
             packed: Vec::new(),
+            budget,
             topics: Vec::new(),
             connections: BTreeMap::new(),
             indices: BTreeMap::new(),
@@ -306,7 +309,8 @@ impl Bag {
 
     fn unpack(&mut self, start: u64) -> Result<(), RecordingError> {
         let size = number(&self.header, b"size").map_or(0, u64::from);
-        let done = packing(&self.header).and_then(|packing| packing.unpack(&self.packed, size, &mut self.chunk.bytes));
+        let done = packing(&self.header)
+            .and_then(|packing| packing.unpack(&self.packed, size, &mut self.chunk.bytes, &mut self.budget));
         (self.chunk.position, self.chunk.byte) = (0, start);
         done.map_err(|what| {
             self.chunk.bytes.clear();

@@ -17,6 +17,29 @@ pub const MOST_UNPACKED: u64 = 1 << 26;
 /// is shorter.
 pub const LONGEST_RECORD: u64 = MOST_UNPACKED + (1 << 20);
 
+/// The number of bytes to which all compressed chunks of a file may unpack together: the chunks of a few hundred kilobytes could
+/// otherwise take minutes.
+#[derive(Clone, Copy, Debug)]
+pub struct Budget {
+    most: u64,
+    left: u64,
+}
+
+impl Budget {
+    /// Creates the budget of a file with this number of bytes.
+    pub fn of_file(bytes: u64) -> Self {
+        let most = bytes.saturating_mul(256).saturating_add(1 << 28);
+        Self { most, left: most }
+    }
+
+    /// Takes the bytes of a chunk. After an error, nothing is left.
+    fn take(&mut self, size: u64) -> Result<(), ChunkError> {
+        let left = self.left.checked_sub(size);
+        self.left = left.unwrap_or(0);
+        if left.is_some() { Ok(()) } else { Err(ChunkError::Budget { most: self.most }) }
+    }
+}
+
 /// A topic: messages with a common name.
 #[derive(Clone, Debug)]
 pub struct Topic {
@@ -126,6 +149,12 @@ pub enum ChunkError {
         /// Stated size in bytes.
         size: u64,
     },
+    /// All chunks together are larger than the [`Budget`].
+    #[error("the chunks of the file, compressed by more than a factor of 256, have more than {most} bytes")]
+    Budget {
+        /// Limit in bytes.
+        most: u64,
+    },
     /// The decompressed content does not have the stated checksum.
     #[error("its checksum is {found:08x} instead of {stated:08x}")]
     Checksum {
@@ -166,11 +195,20 @@ impl Packing {
     }
 
     /// Decompresses a chunk of `size` bytes into `unpacked`.
-    pub fn unpack(self, packed: &[u8], size: u64, unpacked: &mut Vec<u8>) -> Result<(), ChunkError> {
+    pub fn unpack(
+        self,
+        packed: &[u8],
+        size: u64,
+        unpacked: &mut Vec<u8>,
+        budget: &mut Budget,
+    ) -> Result<(), ChunkError> {
         unpacked.clear();
         // The size of an uncompressed chunk is limited by its record.
-        if size > MOST_UNPACKED && self != Self::Plain {
-            return Err(ChunkError::Large { size });
+        if self != Self::Plain {
+            if size > MOST_UNPACKED {
+                return Err(ChunkError::Large { size });
+            }
+            budget.take(size)?;
         }
         let read = self.open(packed)?.take(size.saturating_add(1)).read_to_end(unpacked)?;
         if read as u64 == size { Ok(()) } else { Err(ChunkError::Size { size }) }
@@ -201,4 +239,19 @@ pub fn unpack_message(message: &[u8], unpacked: &mut Vec<u8>) -> io::Result<()> 
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_chunks_of_a_file_have_a_common_limit() {
+        let mut budget = Budget::of_file(1 << 20);
+        let chunk = 1 << 26;
+        let taken = (0..100).take_while(|_| budget.take(chunk).is_ok()).count();
+        assert_eq!(taken, 8);
+        assert!(matches!(budget.take(1), Err(ChunkError::Budget { most: 0x2000_0000 })));
+        assert!(Budget::of_file(u64::MAX).take(u64::MAX).is_ok());
+    }
 }

@@ -1,7 +1,7 @@
 //! Folders written by `ros2 bag record`: `metadata.yaml`, and the messages in one file or, if the recording was split,
 //! in several consecutive files.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Head, Uses};
 use crate::read_report::Truncation;
 use crate::unsupported_format;
-use evcal_files::yaml;
+use evcal_files::{visible, yaml};
 
 /// Folder of a ROS 2 bag. It is recognised by the files in it.
 pub const FORMAT: FileFormat = FileFormat {
@@ -107,6 +107,10 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let files: Vec<PathBuf> = names.map(locate).collect();
     if files.is_empty() {
         return Err(damaged("it lists no files under relative_file_paths".to_owned()));
+    }
+    let mut seen = BTreeSet::new();
+    if let Some(twice) = files.iter().find(|file| !seen.insert(file.file_name())) {
+        return Err(damaged(format!("it lists {} twice under relative_file_paths", visible::path(twice))));
     }
     Ok(files)
 }
@@ -221,6 +225,7 @@ mod tests {
             ("[".repeat(100_000), "metadata.yaml"),
             (format!("a: {}\n", "b".repeat(LONGEST_METADATA)), "more than 1048576 bytes"),
             ("a: [\n".to_owned(), "the list of the files of the bag cannot be read"),
+            ("rosbag2_bagfile_information: {relative_file_paths: [a.db3, ./a.db3]}".to_owned(), "a.db3 twice"),
         ] {
             let error = named(&text).unwrap_err();
             assert!(error.contains(part), "{error}");

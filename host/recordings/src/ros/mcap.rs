@@ -11,7 +11,7 @@ use std::path::Path;
 use flate2::Crc;
 
 use super::container::{
-    ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record, unpack_message,
+    Budget, ChunkError, Container, MOST_UNPACKED, MessageHead, Packing, Topic, read_record, unpack_message,
 };
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
@@ -111,6 +111,7 @@ struct Mcap {
     message: (usize, usize),
     /// Content of the message, if it was compressed individually.
     unpacked: Vec<u8>,
+    budget: Budget,
     truncated: Option<Truncation>,
     ended: bool,
 }
@@ -158,6 +159,7 @@ impl Mcap {
     fn new(path: &Path) -> Result<Self, RecordingError> {
         let mut file = ByteReader::open(path)?;
         file.seek(MAGIC.len() as u64)?;
+        let budget = Budget::of_file(file.length());
         Ok(Self {
             file,
             order: ChunkOrder::default(),
@@ -169,6 +171,7 @@ impl Mcap {
             described: Described::default(),
             message: (0, 0),
             unpacked: Vec::new(),
+            budget,
             truncated: None,
             ended: false,
         })
@@ -243,7 +246,8 @@ impl Mcap {
     fn unpack(&mut self) -> Result<(), ChunkError> {
         let ChunkHead { size, checksum, compression, length, packed } = ChunkHead::of(&self.packed)?;
         let packed = usize::try_from(length).ok().and_then(|length| packed.get(..length));
-        packing(compression)?.unpack(packed.ok_or(ChunkError::Short)?, size, &mut self.records)?;
+        let packed = packed.ok_or(ChunkError::Short)?;
+        packing(compression)?.unpack(packed, size, &mut self.records, &mut self.budget)?;
         let mut crc = Crc::new();
         if checksum != 0 {
             crc.update(&self.records);

@@ -72,6 +72,10 @@ struct Waiting {
 
 const _: () = assert!(size_of::<Waiting>() == 16);
 
+/// Largest number of events that wait, four times as many as those of 20 million events per second. Of more, as in files with very many
+/// events at one time, the first do not wait for the end of their bursts.
+const MOST_WAITING: usize = 1 << 23;
+
 impl Waiting {
     /// Returns the time (µs), given the time `latest` of the latest event.
     fn t(&self, latest: i64) -> i64 {
@@ -96,7 +100,10 @@ impl Thinning {
             black_box(due.fold(0, |sum, event| sum ^ self.bursts.touch(event.x, event.y)));
             for event in events {
                 let over = event.t.saturating_sub(BURST_PAUSE);
-                while let Some(first) = self.waiting.front().copied().filter(|first| first.t(self.latest) < over) {
+                while let Some(first) = self.waiting.front().copied() {
+                    if first.t(self.latest) >= over && self.waiting.len() < MOST_WAITING {
+                        break;
+                    }
                     self.waiting.pop_front();
                     keep(self.ranked(&first), first.order);
                 }
@@ -208,7 +215,7 @@ impl CompactKind {
 
 impl Run {
     fn starting_at(start: i64) -> Self {
-        Self { start, events: Vec::with_capacity(RUN), kinds: Vec::with_capacity(RUN) }
+        Self { start, events: Vec::new(), kinds: Vec::new() }
     }
 
     /// Returns the time after the start of the run, if an event of time `t` fits into the run.
@@ -415,6 +422,24 @@ mod tests {
             sample.end(&mut thinning);
         }
         sample
+    }
+
+    /// Events of one time wait for the end of their burst, but not all events of a file may.
+    #[test]
+    fn events_far_apart_and_of_one_time_need_little_memory() {
+        let event = |t: i64| Event { t, x: 1, y: 1, polarity: Polarity::On };
+        let hours: Vec<Event> = (0..1000).map(|index| event(index << 33)).collect();
+        let sample = sampled(&[hours], 2000);
+        let room: usize = sample.runs(0).iter().map(|run| run.events.capacity() + run.kinds.capacity()).sum();
+        assert!(sample.runs(0).len() == 1000 && room < 20_000, "{room}");
+        let (mut thinning, mut kept) = (Thinning::new(SENSOR), Vec::new());
+        let together = vec![event(5); 1 << 20];
+        for _ in 0..9 {
+            thinning.take(&together, 1.0, &mut kept);
+            kept.clear();
+        }
+        assert_eq!(thinning.waiting.len(), MOST_WAITING);
+        assert!(kept.is_empty());
     }
 
     #[test]

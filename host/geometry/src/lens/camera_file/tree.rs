@@ -28,7 +28,7 @@ fn of_value(value: Value) -> Yaml {
 
 /// Returns the tree below the root of an XML text, as written by OpenCV's `FileStorage`.
 pub(super) fn of_xml(text: &str) -> Result<Yaml, roxmltree::Error> {
-    let document = roxmltree::Document::parse(text)?;
+    let document = evcal_files::xml::parse(text)?;
     Ok(of_element(document.root_element(), 0))
 }
 
