@@ -149,7 +149,8 @@ fn crossing_errors(board: &str, side: f64, light: &Light, views: usize, seed: u6
             (other / columns).abs_diff(index / columns) <= 1 && (other % columns).abs_diff(index % columns) <= 1
         };
         let near = (0..points.len()).filter(is_near).map(|other| {
-            let off = Vector2::new(random.next(), random.next()) * 0.1;
+            // The errors of an earlier pass: scale and perspective near the crossing come from its neighbours.
+            let off = Vector2::new(random.next(), random.next()) * 0.02;
             SeenPoint { board: points[other], pixel: shot.pixel(points[other]) + off - origin }
         });
         let seen: Vec<SeenPoint> = near.collect();
