@@ -4,8 +4,6 @@ use evcal_core::camera::Camera;
 use nalgebra::{Matrix2, Matrix3, UnitQuaternion, Vector2, Vector3};
 use rayon::prelude::*;
 
-use crate::alignment::SquareMap;
-
 /// The bearing of each pixel of a sensor.
 pub struct Bearings {
     camera: Camera<f64>,
@@ -76,22 +74,6 @@ impl Tangent {
     fn bearing(&self, place: Vector2<f64>) -> Vector3<f64> {
         self.turn.tr_mul(&(place / self.scale).push(1.0))
     }
-}
-
-/// Returns by how much the sides of a square with these corners are bent differently through the lenses of two cameras
-/// (px, rms). `None` outside the domain of a lens.
-pub fn bend(corners: [Vector2<f64>; 4], one: &Camera<f64>, other: &Camera<f64>) -> Option<f64> {
-    const MIDDLES: [[f64; 2]; 4] = [[0.5, 0.0], [1.0, 0.5], [0.5, 1.0], [0.0, 0.5]];
-    let middle = corners.iter().sum::<Vector2<f64>>() / 4.0;
-    let seen = |camera: &Camera<f64>| {
-        let tangent = Tangent::new(camera, &middle)?;
-        let [a, b, c, d] = corners.map(|corner| tangent.place(&camera.unproject(&corner)?));
-        let map = SquareMap::new(&[a?.into(), b?.into(), c?.into(), d?.into()]);
-        let [a, b, c, d] = MIDDLES.map(|[u, v]| camera.project(&tangent.bearing(map.at(u, v).into())));
-        Some([a?, b?, c?, d?])
-    };
-    let squares: f64 = seen(one)?.iter().zip(seen(other)?).map(|(one, other)| (one - other).norm_squared()).sum();
-    Some((squares / 4.0).sqrt())
 }
 
 impl<'a> Plane<'a> {

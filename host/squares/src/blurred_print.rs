@@ -7,6 +7,7 @@
 use std::sync::LazyLock;
 
 use evcal_geometry::board::squares::raster::Raster;
+use nalgebra::Vector2;
 
 /// Distance in standard deviations beyond which a line has no effect (1.3e-5 of the contrast).
 const REACH: f64 = 4.2;
@@ -80,9 +81,16 @@ pub(crate) struct Print {
 }
 
 impl Print {
+    /// Returns the part of a board within `reach` of `middle` along both axes, with `middle` as the origin and `unit` as
+    /// the unit of length; all in metres on the board.
+    pub(crate) fn around(raster: &Raster, middle: Vector2<f64>, reach: f64, unit: f64) -> Self {
+        let end = |sign: f64| [middle.x + sign * reach, middle.y + sign * reach];
+        Self::new(raster, end(-1.0), end(1.0), middle.into(), unit)
+    }
+
     /// Returns the part of a board between `low` and `high`, with `middle` as the origin and `unit` as the unit of
     /// length; all in metres on the board.
-    pub(crate) fn new(raster: &Raster, low: [f64; 2], high: [f64; 2], middle: [f64; 2], unit: f64) -> Self {
+    fn new(raster: &Raster, low: [f64; 2], high: [f64; 2], middle: [f64; 2], unit: f64) -> Self {
         let inside = |lines: &[f64], axis: usize| -> Vec<f64> {
             lines.iter().copied().filter(|line| (low[axis]..=high[axis]).contains(line)).collect()
         };

@@ -11,11 +11,11 @@ pub mod checkerboard;
 pub mod crossing;
 pub mod found_point;
 pub mod picture;
+pub mod print_fit;
 pub mod quads;
 pub mod recognition;
 pub mod reconstruction;
 #[cfg(test)]
 mod rendering;
 pub mod saddles;
-pub mod tag_fit;
 pub mod tags;

@@ -16,6 +16,7 @@ use crate::picture_calibration::joint::{JointPoints, joint_points};
 use crate::quality::cross_check::{CrossCheckOutcome, FailedCrossCheck, NoCrossCheck, cross_check_pictures};
 use crate::quality::examine_pictures;
 use crate::quality::uncertainty::Uncertainty;
+use crate::quality::uncertainty::projection::projection_uncertainty;
 use crate::quality::verdict::verdict;
 use crate::task::PictureUse;
 use crate::task::Task;
@@ -23,8 +24,9 @@ use crate::task::error::CalibrateError;
 use crate::task::input::Input;
 use crate::task::progress::Progress;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
+use evcal_detection::detection::pictures::corner_fits::CornerFits;
 use evcal_detection::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
-use evcal_detection::detection::pictures::tag_corners::TagCorners;
+use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_solve::initial::model_choice::{ModelChoice, ModelRequest, USUAL};
 use evcal_solve::solve::refinement::Refined;
 use event_recordings::pass::RecordingReport;
@@ -154,11 +156,13 @@ fn visit_pictures(input: &Input, visit: &mut dyn FnMut(TimedImage)) -> Result<Op
     }
 }
 
-/// Largest number of calibrations from the same pictures, each with the corners of tags as seen through the lens of the
-/// one before.
-const MOST_PASSES: usize = 4;
-/// The corners of tags are final if the last change of the lens bends the sides of tags by less than this (px).
-const LEAST_BEND: f64 = 0.002;
+/// Largest number of calibrations from the same pictures, each with the corners of squares as seen through the lens of
+/// the one before.
+const MOST_PASSES: usize = 7;
+/// The corners are final if the camera's last change, as a share of its uncertainty, is less than this. The error of a lens
+/// shifts corners alike in all pictures, so the scatter between pictures does not show what is left of it. It becomes
+/// about ten times smaller with each pass.
+const LEAST_CHANGE: f64 = 0.2;
 
 /// Calibrates from `seen` alone; `None` if the recordings contain no frames.
 ///
@@ -184,29 +188,36 @@ fn picture_calibration(
         calibrate_pictures(frames, report, task.board, sensor, model, initial, fixed)
     };
     let mut calibrated = calibrate(frames, report);
-    let tags = fits_tags(task, source);
+    let fits = corner_fits(task, source);
     for _ in 1..MOST_PASSES {
-        let (Some(tags), Ok(before)) = (&tags, &mut calibrated) else { break };
+        let (Some(fits), Ok(before)) = (&fits, &mut calibrated) else { break };
         let mut frames = std::mem::take(&mut before.frames);
-        fit_tags_again(task, tags, &before.camera, sensor, &mut frames, &numbers, progress)?;
+        fit_corners_again(task, fits, &before.camera, sensor, &mut frames, &numbers, progress)?;
         let (camera, report) = (before.camera, before.report.detection.clone());
         calibrated = calibrate(frames, report);
-        if calibrated.as_ref().is_ok_and(|now| tags.bend(&now.frames, &camera, &now.camera) < LEAST_BEND) {
+        if calibrated.as_ref().is_ok_and(|now| is_settled(&camera, now, sensor)) {
             break;
         }
     }
     Ok(Some(calibrated))
 }
 
-/// Returns the fits of the corners of tags; `None` if the points are not such corners, or the pictures are made of events.
-fn fits_tags(task: &Task, source: PictureSource) -> Option<TagCorners> {
-    if source == PictureSource::Frames { TagCorners::new(task.board) } else { None }
+/// Returns `true` if the camera `now` differs from the one `before` by much less than its uncertainty.
+fn is_settled(before: &Camera<f64>, now: &PictureCalibration, sensor: Sensor) -> bool {
+    let change = projection_difference(before, &now.camera, sensor);
+    let expected = projection_uncertainty(&now.camera, &now.covariance, sensor);
+    matches!((change, expected), (Ok(change), Ok(expected)) if change.rms < LEAST_CHANGE * expected.rms)
 }
 
-/// Fits the corners of tags in all frames again, through the lens of `camera`.
-fn fit_tags_again(
+/// Returns the fits of the corners; `None` for a board of circles, or if the pictures are made of events.
+fn corner_fits(task: &Task, source: PictureSource) -> Option<CornerFits> {
+    if source == PictureSource::Frames { CornerFits::new(task.board) } else { None }
+}
+
+/// Fits the corners in all frames again, through the lens of `camera`.
+fn fit_corners_again(
     task: &Task,
-    tags: &TagCorners,
+    fits: &CornerFits,
     camera: &Camera<f64>,
     sensor: Sensor,
     frames: &mut [ReferenceFrame],
@@ -220,8 +231,8 @@ fn fit_tags_again(
         numbers = rest;
         let input = frames.first().and_then(|frame| task.inputs.get(frame.recording));
         let Some(input) = input.filter(|input| may_contain_pictures(input)) else { continue };
-        progress.report(format!("corners of tags in {}", input.short_name()))?;
-        tags.fit_again(camera, sensor, frames, of_recording, |visit| visit_pictures(input, visit))?;
+        progress.report(format!("corners of squares in {}", input.short_name()))?;
+        fits.fit_again(camera, sensor, frames, of_recording, |visit| visit_pictures(input, visit))?;
     }
     Ok(())
 }
@@ -332,7 +343,7 @@ pub(super) fn calibrate_seen(
     let (mut model, mut model_choice) = choose(&seen.frames)?;
     let numbers = seen.numbers.clone();
     let mut calibration = calibrate_with(seen, model)?;
-    if model_choice.is_some() && fits_tags(task, source).is_some() {
+    if model_choice.is_some() && corner_fits(task, source).is_some() {
         // The bias of the first corners may have decided the choice.
         let first = model;
         (model, model_choice) = choose(&calibration.frames)?;

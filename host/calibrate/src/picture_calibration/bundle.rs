@@ -3,10 +3,14 @@
 //!
 //! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) minus the measured one.
 //!
-//! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. Pictures are
-//! independent. So the covariance comes from the jackknife over pictures (Efron 1982): with the border S = Σ S_f after
-//! elimination and the picture's gradient g_f, leaving out picture f moves the parameters by δ_f = (S − S_f)⁻¹ g_f, and the
-//! covariance is (n − 1) / n Σ δ_f δ_fᵀ. The prior of the distortion, with weights W against residuals of variance σ², adds
+//! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. So the
+//! covariance comes from the jackknife over pictures (Efron 1982): with the border S = Σ S_f after elimination and the picture's
+//! gradient g_f, leaving out picture f moves the parameters by δ_f = (S − S_f)⁻¹ g_f.
+//!
+//! Pictures share the fixed pattern of the pixels (offset and sensitivity of each): where two of them show a dot on the same
+//! pixels, their errors are the same. So the covariance is (n − 1) / n Σ_fg κ_fg δ_f δ_gᵀ with κ = exp(−d² / 2 s²); d is the
+//! distance of the board's images in the two pictures (rms over its points), s the distance over which the error of a point
+//! changes (as in Conley 1999). The prior of the distortion, with weights W against residuals of variance σ², adds
 //! S⁻¹ σ² W S⁻¹: what the pictures do not determine, the prior does, and its error does not show between pictures.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
@@ -64,6 +68,13 @@ pub struct PictureBundle {
 
 /// Number of passes, each with the spread from the previous one.
 const PASSES: usize = 3;
+/// Distance over which the error of a dot's centre of area changes, as a share of its radius: the error is the first moment of
+/// the pattern of the pixels within a disc, and the moments of two discs are uncorrelated if their centres are a radius apart.
+const SHARED_PATTERN: f64 = 0.5;
+/// Smallest such distance, that of a point: the width of a blurred edge (px).
+const EDGE_WIDTH: f64 = 1.0;
+/// Largest number of points by which the places of the board in two pictures are compared.
+const COMPARED_POINTS: usize = 16;
 /// Smallest spread that is used (px).
 const SMALLEST_SPREAD: f64 = 0.002;
 
@@ -91,6 +102,49 @@ fn residuals(target: &Target<'_, SeenDot>, estimate: &Estimate) -> Vec<Vector2<f
         view.points.iter().filter_map(|dot| dot.error(&estimate.camera, pose)).collect()
     };
     target.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
+}
+
+/// Places of the board in the pictures.
+struct Places {
+    /// For each picture the positions of the same points of the board (px); `None` if one is outside the lens's domain.
+    points: Vec<Option<Vec<Vector2<f64>>>>,
+    /// Distance over which the error of a point changes (px).
+    reach: f64,
+}
+
+impl Places {
+    fn new(views: &[PictureView], estimate: &Estimate) -> Self {
+        let mut objects: Vec<Vector2<f64>> = views.iter().flat_map(|view| &view.dots).map(|dot| dot.object).collect();
+        objects.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+        objects.dedup();
+        let compared: Vec<_> = objects.iter().step_by(objects.len().div_ceil(COMPARED_POINTS).max(1)).collect();
+        let place = |pose: &Isometry3<f64>| {
+            let pixel = |object: &&Vector2<f64>| circle_image_center(&estimate.camera, pose, **object, 0.0);
+            compared.iter().map(pixel).collect::<Option<Vec<_>>>()
+        };
+        // Radii of the dots (px), from the scatter of their centres in the picture and on the board.
+        let scatter = |points: &[Vector2<f64>]| {
+            let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
+            points.iter().map(|point| (point - mean).norm_squared()).sum::<f64>().sqrt()
+        };
+        let radius = |view: &PictureView| {
+            let (objects, images): (Vec<_>, Vec<_>) = view.dots.iter().map(|dot| (dot.object, dot.image)).unzip();
+            Some(view.dots.first()?.radius * scatter(&images) / scatter(&objects))
+        };
+        let mut radii: Vec<f64> = views.iter().filter_map(radius).collect();
+        let radius = median(&mut radii, f64::total_cmp).unwrap_or(0.0);
+        Self { points: estimate.poses.iter().map(place).collect(), reach: EDGE_WIDTH.max(SHARED_PATTERN * radius) }
+    }
+
+    /// Returns the correlation of the errors that the fixed pattern of the pixels causes in two pictures.
+    fn shared_pattern(&self, one: usize, other: usize) -> f64 {
+        if one == other {
+            return 1.0;
+        }
+        let (Some(Some(a)), Some(Some(b))) = (self.points.get(one), self.points.get(other)) else { return 0.0 };
+        let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b).norm_squared()).sum();
+        libm::exp(-0.5 * squares / (a.len().max(1) as f64 * self.reach * self.reach))
+    }
 }
 
 /// Inverts a symmetric positive definite matrix; `None` if it is not positive definite.
@@ -163,10 +217,20 @@ pub fn picture_bundle(
         // A fixed parameter does not move.
         border[(index, index)] += f64::from(u8::from(!free));
     }
+    let moved = |(of_view, gradient): &(DMatrix<f64>, DVector<f64>)| Some(inverse(&(&border - of_view))? * gradient);
+    let moved: Vec<DVector<f64>> = eliminated.iter().map(moved).collect::<Option<_>>()?;
     let mut covariance = DMatrix::zeros(count, count);
-    for (of_view, gradient) in &eliminated {
-        let moved = inverse(&(&border - of_view))? * gradient;
-        covariance += &moved * moved.transpose();
+    let places = Places::new(views, &estimate);
+    for (view, one) in moved.iter().enumerate() {
+        // The sum of all pictures' shifts, each with its share of the pattern.
+        let mut shared = DVector::zeros(count);
+        for (other, shift) in moved.iter().enumerate() {
+            let share = places.shared_pattern(view, other);
+            if share > 0.0 {
+                shared.axpy(share, shift, 1.0);
+            }
+        }
+        covariance += one * shared.transpose();
     }
     let frames = views.len() as f64;
     covariance *= (frames - 1.0) / frames;
@@ -268,6 +332,20 @@ mod tests {
         for (index, (square, stated)) in squares.iter().zip(stated).enumerate() {
             let ratio: f64 = (stated / square).sqrt();
             assert!((0.75..1.45).contains(&ratio), "parameter {index}: stated {ratio} times the scatter");
+        }
+    }
+
+    /// A camera at rest takes the same picture again and again, with the same errors of its pixels.
+    #[test]
+    fn pictures_of_a_board_at_rest_count_once() {
+        let truth = camera();
+        let once = views(&truth, 3);
+        let thrice: Vec<PictureView> = once.iter().flat_map(|view| std::iter::repeat_n(view.clone(), 3)).collect();
+        let sigma = |views: &[PictureView]| {
+            picture_bundle(&truth, views, SENSOR, 2.5, &NOTHING_FIXED).unwrap().covariance.diagonal().map(f64::sqrt)
+        };
+        for (once, thrice) in sigma(&once).iter().zip(&sigma(&thrice)) {
+            assert!((0.8..1.2).contains(&(thrice / once)), "{once} {thrice}");
         }
     }
 

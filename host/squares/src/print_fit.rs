@@ -1,10 +1,14 @@
-//! Corners of a tag in a picture made of light, by least squares between the picture's own pixels and the blurred print.
+//! Corners of tags, and crossings of squares, in a picture made of light, by least squares between the picture's own
+//! pixels and the blurred print.
 //!
-//! The model of a pixel at p is a(p) + b(p) · B + (a₀ + b₀ · B) · q(p) + c · (1 − B²). B is the print around the tag,
+//! The model of a pixel at p is a(p) + b(p) · B + (a₀ + b₀ · B) · q(p) + c · (1 − B²). B is the print around the corners,
 //! blurred by a normal distribution and seen through a homography and, if it is known, the lens. The planes a and b and
 //! the quadratic form q model uneven light; c models a camera whose response is not linear, and ink that spreads.
-//! Homography and blur of the tag are estimated together with them, so the corners do not depend on the size of the tag
-//! or on the blur. Nothing is taken between pixels, and the picture is not smoothed.
+//! Homography and blur are estimated together with them, so the corners do not depend on the size of the squares or on
+//! the blur. Nothing is taken between pixels, and the picture is not smoothed.
+//!
+//! A tag yields its four corners and the whole homography. Near a crossing there are only two lines, which determine the
+//! position and the directions of the axes; scale and perspective come from the other points.
 
 use evcal_geometry::board::homography::homography;
 use evcal_geometry::board::squares::raster::Raster;
@@ -16,10 +20,16 @@ use crate::bearings::{Bearings, Plane};
 use crate::blurred_print::{NearLines, Print};
 use crate::picture::Picture;
 
-/// Width of the strip around the tag that is fitted too (px); at most the gap to the next square.
+/// Width of the strip around a tag that is fitted too (px); at most the gap to the next square.
 const MARGIN: f64 = 2.5;
 /// Width of the print beyond this strip that is known, in modules: blur carries it into the strip.
 const BEYOND: f64 = 2.5;
+/// The fitted region extends from a crossing over this share of a square, so that its other sides need not be right, but
+/// no farther than this (px), because more pixels take more time than they improve the crossing.
+const CROSSING_SHARE: f64 = 0.7;
+const CROSSING_REACH: f64 = 12.0;
+/// Width of the print around a crossing that is known, in squares.
+const CROSSING_PRINT: f64 = 1.5;
 /// First standard deviation of the blur (px), and its limits.
 const BLUR: f64 = 0.7;
 const BLURS: [f64; 2] = [0.15, 8.0];
@@ -38,26 +48,42 @@ const SHAPE: usize = MAP + 3;
 const LIGHT: usize = 10;
 const UNKNOWNS: usize = SHAPE + LIGHT;
 
-/// The tags of a board with their surroundings.
-pub struct TagFits {
-    tags: Vec<Surrounded>,
+/// The parts of a board that are fitted.
+pub struct PrintFits {
+    patches: Vec<Patch>,
 }
 
-/// A tag and the print around it; its sides extend from −1 to 1 in both directions.
-struct Surrounded {
-    /// Its corners, each ±1.
-    corners: [Vector2<f64>; 4],
+/// A part of a print in its own unit, with the origin in its middle.
+struct Patch {
+    /// Its middle on the board (m) and its unit (m).
+    middle: Vector2<f64>,
+    unit: f64,
+    /// The points that it yields.
+    points: Vec<Vector2<f64>>,
     print: Print,
-    /// Width of the gap around it, in half sides.
-    gap: f64,
+    /// The fitted region extends this far from the middle, and farther by `margin` (px) but at most `beyond`.
+    extent: f64,
+    beyond: f64,
+    margin: f64,
+    /// 1 for each parameter of the homography that is estimated, 0 for the others.
+    free: [f64; MAP],
 }
 
-/// The corners of a tag in a picture.
+/// A point of the board seen in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FittedTag {
-    /// Their positions in the order of [`Tag::corners`] (px).
-    pub corners: [[f64; 2]; 4],
-    /// Standard deviation of a corner along one axis (px), on average, if the residuals of the pixels are independent.
+pub struct SeenPoint {
+    /// Its position on the board (m).
+    pub board: Vector2<f64>,
+    /// Its position in the picture (px).
+    pub pixel: Vector2<f64>,
+}
+
+/// The points of a patch in a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedPoints {
+    /// Their positions (px): the corners of a tag in the order of [`Tag::corners`], or a crossing.
+    pub points: Vec<Vector2<f64>>,
+    /// Standard deviation of a point along one axis (px), on average, if the residuals of the pixels are independent.
     pub sigma: f64,
     /// Standard deviation of the blur (px), on average over all directions.
     pub blur: f64,
@@ -70,7 +96,7 @@ struct Pixel {
     /// Position on the plane on which lines are straight, and its derivative by the position in the picture.
     place: Vector2<f64>,
     by_pixel: Matrix2<f64>,
-    /// 1 and the position in the picture relative to the middle of the tag, about −1 to 1.
+    /// 1 and the position in the picture relative to the middle of the patch, about −1 to 1.
     light: [f64; 3],
     value: f64,
 }
@@ -94,28 +120,33 @@ struct Equations {
     cost: f64,
 }
 
-impl TagFits {
+impl PrintFits {
     /// Prepares the fits of `tags` on a board with this `raster`.
-    pub fn new(tags: &[Tag], raster: &Raster) -> Self {
-        Self { tags: tags.iter().map(|tag| Surrounded::new(tag, raster)).collect() }
+    pub fn of_tags(tags: &[Tag], raster: &Raster) -> Self {
+        Self { patches: tags.iter().map(|tag| Patch::of_tag(tag, raster)).collect() }
     }
 
-    /// Fits tag `index` near `start`, its corners in the order of [`Tag::corners`]. The picture's first pixel is at
-    /// `position` on the sensor whose `lens` is known. `None` if the tag is not there, or its position is uncertain.
+    /// Prepares the fits of `crossings` of squares with this `side` on a board with this `raster` (m).
+    pub fn of_crossings(crossings: &[Vector2<f64>], side: f64, raster: &Raster) -> Self {
+        Self { patches: crossings.iter().map(|crossing| Patch::of_crossing(*crossing, side, raster)).collect() }
+    }
+
+    /// Fits tag or crossing `index` where the points in `seen` suggest. The picture's first pixel is at `position` on the
+    /// sensor whose `lens` is known. `None` if it is not there, or its position is uncertain.
     pub fn fit(
         &self,
         picture: &Picture,
         position: [usize; 2],
         lens: Option<&Bearings>,
         index: usize,
-        start: &[[f64; 2]; 4],
-    ) -> Option<FittedTag> {
-        self.tags.get(index)?.fit(picture, position, lens, start)
+        seen: &[SeenPoint],
+    ) -> Option<FittedPoints> {
+        self.patches.get(index)?.fit(picture, position, lens, seen)
     }
 }
 
-impl Surrounded {
-    fn new(tag: &Tag, raster: &Raster) -> Self {
+impl Patch {
+    fn of_tag(tag: &Tag, raster: &Raster) -> Self {
         let middle = tag.middle();
         let corners = tag.corners.map(Vector2::from);
         let half = (corners[0] - middle).amax();
@@ -127,11 +158,28 @@ impl Surrounded {
         };
         let gap = beyond(raster.x_lines(), 0).min(beyond(raster.y_lines(), 1)).min(2.0 * half);
         let reach = half + gap + BEYOND * module;
-        let [low, high] = [-reach, reach].map(|reach| [middle.x + reach, middle.y + reach]);
         Self {
-            corners: corners.map(|corner| (corner - middle) / half),
-            print: Print::new(raster, low, high, middle.into(), half),
-            gap: gap / half,
+            middle,
+            unit: half,
+            points: corners.iter().map(|corner| (corner - middle) / half).collect(),
+            print: Print::around(raster, middle, reach, half),
+            extent: 1.0,
+            beyond: gap / half,
+            margin: MARGIN,
+            free: [1.0; MAP],
+        }
+    }
+
+    fn of_crossing(crossing: Vector2<f64>, side: f64, raster: &Raster) -> Self {
+        Self {
+            middle: crossing,
+            unit: side,
+            points: vec![Vector2::zeros()],
+            print: Print::around(raster, crossing, CROSSING_PRINT * side, side),
+            extent: 0.0,
+            beyond: CROSSING_SHARE,
+            margin: CROSSING_REACH,
+            free: [0.0, 1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0],
         }
     }
 
@@ -140,30 +188,28 @@ impl Surrounded {
         picture: &Picture,
         position: [usize; 2],
         lens: Option<&Bearings>,
-        start: &[[f64; 2]; 4],
-    ) -> Option<FittedTag> {
-        let corners = start.map(Vector2::from);
-        let middle = corners.iter().sum::<Vector2<f64>>() / 4.0;
+        seen: &[SeenPoint],
+    ) -> Option<FittedPoints> {
+        let nearest = seen.iter().map(|point| (point.board - self.middle).norm()).fold(f64::INFINITY, f64::min);
+        let near = || seen.iter().filter(|point| (point.board - self.middle).norm() < nearest + 1e-3 * self.unit);
+        let middle = near().map(|point| point.pixel).sum::<Vector2<f64>>() / near().count().max(1) as f64;
         let plane = Plane::new(lens, position, middle)?;
-        let [a, b, c, d] = corners.map(|corner| plane.place(corner));
-        let map = homography(&[a?, b?, c?, d?], &self.corners)?;
-        let pixels = self.pixels(picture, &plane, middle, &corners, &map)?;
+        let places = seen.iter().map(|point| plane.place(point.pixel)).collect::<Option<Vec<_>>>()?;
+        let on_print: Vec<Vector2<f64>> = seen.iter().map(|point| (point.board - self.middle) / self.unit).collect();
+        let map = homography(&places, &on_print)?;
+        let pixels = self.pixels(picture, &plane, middle, &map)?;
         let best = self.best(&pixels, map)?;
-        self.fitted(&best, &pixels, &plane, start)
+        self.fitted(&best, &pixels, &plane, &map)
     }
 
-    /// Returns the pixels of the tag and of a strip around it.
-    fn pixels(
-        &self,
-        picture: &Picture,
-        plane: &Plane,
-        middle: Vector2<f64>,
-        corners: &[Vector2<f64>; 4],
-        map: &Matrix3<f64>,
-    ) -> Option<Vec<Pixel>> {
-        let distances = corners.map(|corner| (corner - middle).norm());
-        let half = 0.25 * distances.iter().sum::<f64>() * std::f64::consts::FRAC_1_SQRT_2;
-        let reach = 1.0 + self.gap.min(MARGIN / half);
+    /// Returns the pixels of the fitted region.
+    fn pixels(&self, picture: &Picture, plane: &Plane, middle: Vector2<f64>, map: &Matrix3<f64>) -> Option<Vec<Pixel>> {
+        let to_plane = map.try_inverse()?;
+        let distance = |[u, v]: [f64; 2]| Some((seen_at(&to_plane, plane, Vector2::new(u, v))? - middle).norm());
+        let [a, b, c, d] = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(distance);
+        let distances = [a?, b?, c?, d?];
+        let unit = 0.25 * distances.iter().sum::<f64>() * std::f64::consts::FRAC_1_SQRT_2;
+        let reach = self.extent + self.beyond.min(self.margin / unit);
         let radius = distances.into_iter().fold(0.0, f64::max) * reach;
         if !radius.is_finite() || radius < 1.0 {
             return None;
@@ -193,7 +239,11 @@ impl Surrounded {
         let mut light = SVector::zeros();
         (light[0], light[3]) = (0.5 * (high - low), 0.5 * (high + low));
         let blur = [BLUR * BLUR, 0.0, BLUR * BLUR];
-        let first = self.estimate(pixels, map, blur, light)?;
+        let mut first = self.estimate(pixels, map, blur, light)?;
+        if first.light[0] < 0.0 {
+            // Where dark and light squares only alternate, either may be the dark ones.
+            first = self.estimate(pixels, map, blur, first.light)?;
+        }
         let mut best = Costed { cost: first.equations.cost, estimate: first };
         let steps = minimise(
             &mut best,
@@ -224,8 +274,8 @@ impl Surrounded {
         let (least, most) = (BLURS[0] * BLURS[0], BLURS[1] * BLURS[1]);
         // Both eigenvalues are within the limits.
         let within = xx > least && yy > least && (xx - least) * (yy - least) > xy * xy && xx < most && yy < most;
-        // The contrast is positive everywhere.
-        if !within || light[0] <= light[1].abs() + light[2].abs() {
+        // The contrast has one sign everywhere.
+        if !within || light[0].abs() <= light[1].abs() + light[2].abs() {
             return None;
         }
         let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
@@ -265,7 +315,7 @@ impl Surrounded {
                 let [of_pp, of_pq, of_qq] = shade.by_variance;
                 contrast * (of_pp * pp[part] + of_pq * pq[part] + of_qq * qq[part])
             };
-            let row = [
+            let mut row = [
                 // The map changes to (1 − step) · map.
                 -s * u,
                 -s * v,
@@ -289,7 +339,13 @@ impl Surrounded {
                 l2,
                 1.0 - b * b,
             ];
+            for (entry, free) in row.iter_mut().zip(&self.free) {
+                *entry *= free;
+            }
             add(&mut normal, &mut right, &row, *value);
+        }
+        for (index, free) in self.free.iter().enumerate() {
+            normal[(index, index)] += 1.0 - free;
         }
         normal.fill_lower_triangle_with_upper_triangle();
         let lights = normal.fixed_view::<LIGHT, LIGHT>(SHAPE, SHAPE).into_owned();
@@ -299,25 +355,23 @@ impl Surrounded {
         cost.is_finite().then_some(Estimate { map, blur, light: best, equations })
     }
 
-    /// Returns the corners, unless they are uncertain.
-    fn fitted(&self, best: &Estimate, pixels: &[Pixel], plane: &Plane, start: &[[f64; 2]; 4]) -> Option<FittedTag> {
-        let inverse = best.map.try_inverse()?;
+    /// Returns the points, unless they are uncertain or far from where the map `start` has them.
+    fn fitted(&self, best: &Estimate, pixels: &[Pixel], plane: &Plane, start: &Matrix3<f64>) -> Option<FittedPoints> {
+        let (inverse, start) = (best.map.try_inverse()?, start.try_inverse()?);
         let freedom = pixels.len().checked_sub(UNKNOWNS).filter(|freedom| *freedom > 0)?;
         let variance = best.equations.cost / freedom as f64;
-        let covariance = best.equations.covariance()? * variance;
-        let mut corners = [[0.0; 2]; 4];
+        let covariance = best.equations.covariance(&self.free)? * variance;
+        let mut points = Vec::with_capacity(self.points.len());
         let mut squares = 0.0;
-        for ((corner, start), at) in corners.iter_mut().zip(start).zip(&self.corners) {
-            let seen = |at: Vector2<f64>| {
-                let place = inverse * at.push(1.0);
-                plane.pixel(place.xy() / place.z)
-            };
+        for at in &self.points {
+            let seen = |at: Vector2<f64>| seen_at(&inverse, plane, at);
             let pixel = seen(*at)?;
-            if (pixel - Vector2::from(*start)).norm().is_nan() || (pixel - Vector2::from(*start)).norm() > FARTHEST {
+            let moved = (pixel - seen_at(&start, plane, *at)?).norm();
+            if moved.is_nan() || moved > FARTHEST {
                 return None;
             }
-            *corner = pixel.into();
-            // Derivative of the corner in the picture by its place on the print, and of that place by the parameters.
+            points.push(pixel);
+            // Derivative of the point in the picture by its place on the print, and of that place by the parameters.
             let step = 1e-4;
             let by_place = Matrix2::from_columns(&[
                 (seen(at + Vector2::new(step, 0.0))? - pixel) / step,
@@ -329,13 +383,21 @@ impl Surrounded {
             let by_map: SMatrix<f64, 2, MAP> = by_place * SMatrix::from_rows(&[first.into(), second.into()]);
             squares += (by_map * covariance * by_map.transpose()).trace() / 2.0;
         }
-        let residual = variance.sqrt() / (2.0 * best.light[0]);
+        let contrast = 2.0 * best.light[0].abs();
+        let residual = variance.sqrt() / contrast;
         let [xx, _, yy] = best.blur;
-        let fitted = FittedTag { corners, sigma: (squares / 4.0).sqrt(), blur: (0.5 * (xx + yy)).sqrt(), residual };
+        let sigma = (squares / self.points.len() as f64).sqrt();
+        let fitted = FittedPoints { points, sigma, blur: (0.5 * (xx + yy)).sqrt(), residual };
         let [low, high] = range(pixels);
-        let is_visible = 2.0 * best.light[0] >= LEAST_CONTRAST * (high - low);
+        let is_visible = contrast >= LEAST_CONTRAST * (high - low);
         (is_visible && fitted.sigma.is_finite() && (0.0..=MOST_RESIDUAL).contains(&residual)).then_some(fitted)
     }
+}
+
+/// Returns the position in the picture of a point of the print, with the map from the print to the plane.
+fn seen_at(to_plane: &Matrix3<f64>, plane: &Plane, at: Vector2<f64>) -> Option<Vector2<f64>> {
+    let place = to_plane * at.push(1.0);
+    plane.pixel(place.xy() / place.z)
 }
 
 /// Returns the smallest and the largest value.
@@ -372,9 +434,10 @@ impl Equations {
         Some(damped.cholesky()?.solve(&self.right))
     }
 
-    /// Returns the covariance of the map for residuals of variance 1.
-    fn covariance(&self) -> Option<SMatrix<f64, MAP, MAP>> {
-        Some(self.normal.cholesky()?.inverse().fixed_view::<MAP, MAP>(0, 0).into_owned())
+    /// Returns the covariance of the map, of which only some parameters are `free`, for residuals of variance 1.
+    fn covariance(&self, free: &[f64; MAP]) -> Option<SMatrix<f64, MAP, MAP>> {
+        let free = SMatrix::<f64, MAP, MAP>::from_diagonal(&(*free).into());
+        Some(free * self.normal.cholesky()?.inverse().fixed_view::<MAP, MAP>(0, 0) * free)
     }
 }
 
