@@ -15,8 +15,9 @@ pub const WINDOW: i64 = 100_000;
 const MOST_EVENTS: usize = 1 << 20;
 /// Number of events in a piece of the window.
 const PIECE: usize = 1 << 14;
-/// Number of buffers that are kept for reuse.
+/// Number of buffers that are kept for reuse, and the number of events up to which they are.
 const SPARE: usize = 4;
+const LARGEST_SPARE: usize = 1 << 18;
 
 /// The events of the last [`WINDOW`], sorted by time.
 pub struct Order {
@@ -108,7 +109,7 @@ impl Order {
     }
 
     fn recycle(&mut self, mut buffer: Vec<Event>) {
-        if self.spare.len() < SPARE {
+        if self.spare.len() < SPARE && buffer.capacity() <= LARGEST_SPARE {
             buffer.clear();
             self.spare.push(buffer);
         }

@@ -21,6 +21,8 @@ const REACH: f64 = 3.0;
 /// Memory limit in bytes of the pictures that are computed at once, a block. (A picture also needs later events, so the
 /// events after a block are processed again in the next one. Large blocks make this rare.)
 const BLOCK_BYTES: usize = 128 << 20;
+/// Largest number of events of an interval that count: 400 million per second. Files may contain very many events of one time.
+const MOST_CHANGES: usize = 1 << 23;
 /// Number of equal parts of an interval; all events in one part have the same weight.
 const SLOTS: u32 = 128;
 /// Largest ratio of the ON and OFF thresholds of a sensor.
@@ -146,7 +148,9 @@ impl Reconstruction {
             }
             let pixel = u32::from(event.y) * u32::from(width) + u32::from(event.x);
             let slot = (since.max(0) * i64::from(SLOTS) / interval) as u32;
-            self.current.extend(Change::new(pixel, slot, event.polarity));
+            if self.current.len() < MOST_CHANGES {
+                self.current.extend(Change::new(pixel, slot, event.polarity));
+            }
         }
     }
 
