@@ -14,7 +14,7 @@ use event_recordings::pass::RecordingReport;
 pub struct Summary {
     /// Everything but the result: all parameters, the figures behind the verdict, notes.
     pub details: String,
-    /// The focal lengths and the principal point in one line, and the sentences on the IMU and on further cameras.
+    /// The focal lengths and the principal point in one line, the sentences on the IMU and on further cameras, and notes on the recordings.
     pub result: String,
     /// The warnings, and then the verdict in one sentence.
     pub verdict: String,
@@ -29,7 +29,7 @@ impl Summary {
         let (notes, grave): (Vec<_>, Vec<_>) =
             verdict.findings.iter().partition(|finding| finding.severity == Severity::Note);
         let of_verdict = notes.iter().map(ToString::to_string);
-        let notes: Vec<String> = of_verdict.chain(notes_on(&calibration.stages.recordings)).chain(more).collect();
+        let notes: Vec<String> = of_verdict.chain(more).collect();
         let mut lines: Vec<String> = grave.iter().map(|finding| format!("  {finding}")).collect();
         lines.push(verdict.sentence.clone());
         Self {
@@ -63,7 +63,8 @@ fn result(calibration: &CalibrationFile, distances: Option<&RangeInclusive<f64>>
     for own_frames in calibration.second_cameras.iter().filter(|second| !is_other(second)) {
         let _ = write!(text, "\n{}", own_frames.sentences());
     }
-    text.trim_end().to_owned()
+    let notes = notes_on(&calibration.stages.recordings);
+    [vec![text.trim_end().to_owned()], notes].concat().join("\n")
 }
 
 /// Returns the parameters of the lens and the figures behind the verdict.
