@@ -2,7 +2,7 @@
 
 use super::{Checked, Seen};
 use crate::advice::{Advice, Outside};
-use crate::quality::verdict::Finding;
+use crate::quality::verdict::{Finding, Severity};
 use evcal_detection::detection::exchanged::Exchanged;
 use evcal_detection::detection::focus::EdgeWidth;
 use evcal_detection::detection::still_views::FEWEST_VIEWS;
@@ -10,7 +10,6 @@ use evcal_detection::detection::{FEWEST_EVENTS, too_short};
 use evcal_detection::diagnosis::bad_pixels::HotPixels;
 use evcal_detection::diagnosis::disorder::Disorder;
 use evcal_detection::diagnosis::information::Information;
-use evcal_detection::diagnosis::silent_lines::SilentLines;
 use event_recordings::{Recording, RecordingOptions};
 
 /// Share of events outside the sensor, or from hot pixels, from which advice is given.
@@ -62,10 +61,10 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     if let Some(rounded) = checked.rounded {
         return Finding::from(rounded).into();
     }
-    if let Some(silent) = &checked.silent
-        && is_grave(silent)
-    {
-        return Finding::from(silent).into();
+    // Silent lines that make a calibration wrong or impossible; others are only broken.
+    let silent = checked.silent.as_ref().map(Finding::from);
+    if let Some(silent) = silent.filter(|silent| silent.severity > Severity::Note) {
+        return silent.into();
     }
     if let (Some(repeated), None) = (checked.repeated, information.coarse_times) {
         return Finding::from(repeated).into();
@@ -79,15 +78,6 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     match &checked.seen {
         None => "the sensor is larger than evcal supports".into(),
         Some(seen) => next_of_board(checked, seen, recording),
-    }
-}
-
-/// Returns `true` if silent lines make a calibration wrong or impossible.
-fn is_grave(silent: &SilentLines) -> bool {
-    match silent {
-        SilentLines::SmallerSensor { .. } | SilentLines::Scaled { .. } | SilentLines::CountedFromOne { .. } => true,
-        SilentLines::Region { .. } | SilentLines::Corner { .. } => silent.is_large(),
-        SilentLines::Lines { .. } => false,
     }
 }
 

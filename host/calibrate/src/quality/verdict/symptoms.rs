@@ -34,56 +34,31 @@ impl From<Flicker> for Finding {
     }
 }
 
-impl From<HotPixels> for Finding {
-    fn from(hot: HotPixels) -> Self {
-        Self::new(Cause::HotPixels, Severity::Note, hot.to_string(), HotPixels::ADVICE)
-    }
+/// Rows of symptoms with a sentence and a remedy: cause and severity of each.
+macro_rules! findings {
+    ($($(#[$reason:meta])* $symptom:ident => $cause:ident, $severity:ident;)*) => {$(
+        $(#[$reason])*
+        impl From<$symptom> for Finding {
+            fn from(symptom: $symptom) -> Self {
+                Self::new(Cause::$cause, Severity::$severity, symptom.to_string(), $symptom::ADVICE)
+            }
+        }
+    )*};
 }
 
-/// The same evidence counted twice makes σ too small.
-impl From<Repetition> for Finding {
-    fn from(repeated: Repetition) -> Self {
-        Self::new(Cause::RepeatedEvents, Severity::Warning, repeated.to_string(), Repetition::ADVICE)
-    }
-}
-
-/// A camera between two cameras fits none of them.
-impl From<DoubleEdges> for Finding {
-    fn from(edges: DoubleEdges) -> Self {
-        Self::new(Cause::DoubleEdges, Severity::Failure, edges.to_string(), DoubleEdges::ADVICE)
-    }
-}
-
-/// The uncertainty includes what they change.
-impl From<LostEvents> for Finding {
-    fn from(lost: LostEvents) -> Self {
-        Self::new(Cause::LostEvents, Severity::Warning, lost.to_string(), LostEvents::ADVICE)
-    }
-}
-
-impl From<Disorder> for Finding {
-    fn from(disorder: Disorder) -> Self {
-        Self::new(Cause::OutOfOrder, Severity::Warning, disorder.to_string(), Disorder::ADVICE)
-    }
-}
-
-/// Remaining distortion does not come from the lens.
-impl From<Rounded> for Finding {
-    fn from(rounded: Rounded) -> Self {
-        Self::new(Cause::Undistorted, Severity::Failure, rounded.to_string(), Rounded::ADVICE)
-    }
-}
-
-impl From<CoarseTimes> for Finding {
-    fn from(times: CoarseTimes) -> Self {
-        Self::new(Cause::CoarseTimes, Severity::Warning, times.to_string(), CoarseTimes::ADVICE)
-    }
-}
-
-impl From<EdgeWidth> for Finding {
-    fn from(edges: EdgeWidth) -> Self {
-        Self::new(Cause::Defocused, Severity::Warning, edges.to_string(), EdgeWidth::ADVICE)
-    }
+findings! {
+    HotPixels => HotPixels, Note;
+    /// The same evidence counted twice makes σ too small.
+    Repetition => RepeatedEvents, Warning;
+    /// A camera between two cameras fits none of them.
+    DoubleEdges => DoubleEdges, Failure;
+    /// The uncertainty includes what they change.
+    LostEvents => LostEvents, Warning;
+    Disorder => OutOfOrder, Warning;
+    /// Remaining distortion does not come from the lens.
+    Rounded => Undistorted, Failure;
+    CoarseTimes => CoarseTimes, Warning;
+    EdgeWidth => Defocused, Warning;
 }
 
 impl From<&SilentLines> for Finding {
