@@ -27,12 +27,10 @@ use evcal_detection::detection::settings::DetectionSettings;
 use evcal_detection::detection::still_views::search::{recognise_views, search_views};
 use evcal_detection::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillViews, duration};
 use evcal_detection::detection::{DetectionReport, LARGEST_SENSOR, NoPattern, NoPatternCause};
-use evcal_detection::diagnosis::bad_pixels::{BadPixels, Repetition};
+use evcal_detection::diagnosis::bad_pixels::BadPixels;
 use evcal_detection::diagnosis::double_edges::DoubleEdges;
 use evcal_detection::diagnosis::information::{Information, gather_events};
 use evcal_detection::diagnosis::lost_events::LostEvents;
-use evcal_detection::diagnosis::rounded::Rounded;
-use evcal_detection::diagnosis::silent_lines::SilentLines;
 use evcal_geometry::board::{Board, layout_name};
 use evcal_solve::solve::event_sample::Thinning;
 use event_recordings::given_sensor::counted_from_one;
@@ -69,16 +67,12 @@ pub struct Checked {
     pub other_unit: Option<OtherUnit>,
     /// The sensor, if its pixels are counted from 1.
     pub counted_from_one: Option<Sensor>,
-    /// Repeated events, if there are many.
-    pub repeated: Option<Repetition>,
+    /// Hot and silent pixels, repeated events.
+    pub pixels: BadPixels,
     /// Edges that appear twice.
     pub double_edges: Option<DoubleEdges>,
     /// Events that were lost at random.
     pub lost_events: Option<LostEvents>,
-    /// Pixels without events, as in undistorted recordings.
-    pub rounded: Option<Rounded>,
-    /// Columns, rows and areas without events.
-    pub silent: Option<SilentLines>,
     /// Detections of the board, or of circles; `None` if the sensor is not known or too large, or timestamps have another unit.
     pub seen: Option<Seen>,
     /// The most important next step. The program words it.
@@ -181,15 +175,14 @@ pub fn check(
     let outside = information.report.out_of_range;
     let counted_from_one =
         if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
-    let (mut repeated, mut rounded, mut silent) = (None, None, None);
+    let mut pixels = BadPixels::default();
     let (mut double_edges, mut lost_events) = (None, None);
     let seen = match information.sensor.or(information.likely_sensor) {
         // With timestamps in another unit nothing can be found.
         _ if other.is_some() => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (bursts, slots) = follow_bursts(&searched, sensor)?;
-            let pixels = BadPixels::of_counts(&bursts.counts(), usize::from(sensor.width), bursts.repeated());
-            (repeated, rounded, silent) = (pixels.repeated, pixels.rounded, pixels.silent);
+            pixels = BadPixels::of_counts(&bursts.counts(), usize::from(sensor.width), bursts.repeated());
             if information.coarse_times.is_none() {
                 double_edges = DoubleEdges::found(bursts.intervals());
                 lost_events = LostEvents::found(bursts.pairs()).filter(LostEvents::is_certain);
@@ -208,7 +201,7 @@ pub fn check(
     };
     if seen.as_ref().is_some_and(|seen| seen.is_at_rest) {
         // Squares that stay dark have no events.
-        (rounded, silent, lost_events) = (None, None, None);
+        (pixels.rounded, pixels.silent, lost_events) = (None, None, None);
     } else if seen.as_ref().is_some_and(|seen| seen.found == 0) {
         other = other_unit(&beginning, information.mean_rate);
     }
@@ -217,11 +210,9 @@ pub fn check(
         whole,
         other_unit: other,
         counted_from_one,
-        repeated,
+        pixels,
         double_edges,
         lost_events,
-        rounded,
-        silent,
         seen,
         next: "".into(),
     };
@@ -453,10 +444,10 @@ impl fmt::Display for Checked {
         if let Some(sensor) = self.counted_from_one {
             writeln!(f, "{:<12}{sensor}, counted from 1", "pixels")?;
         }
-        if let Some(repeated) = self.repeated {
+        if let Some(repeated) = self.pixels.repeated {
             writeln!(f, "{:<12}{repeated}", "repeated")?;
         }
-        if let Some(rounded) = self.rounded {
+        if let Some(rounded) = self.pixels.rounded {
             writeln!(f, "{:<12}{rounded}", "pixels")?;
         }
         if self.information.flicker.is_none() {

@@ -25,7 +25,7 @@ pub struct Health {
     /// Events per second of a pixel without motion in front of it.
     pub noise: Option<f64>,
     /// Number of hot pixels.
-    pub hot_pixels: Option<u32>,
+    pub hot_pixels: Option<usize>,
     /// Flicker of the light; `None` until it is known, `Some(None)` if the light does not flicker.
     pub flicker: Option<Option<Flicker>>,
     /// Sharpness of the circles.

@@ -7,12 +7,11 @@ use evcal_detection::detection::exchanged::Exchanged;
 use evcal_detection::detection::focus::EdgeWidth;
 use evcal_detection::detection::still_views::FEWEST_VIEWS;
 use evcal_detection::detection::{FEWEST_EVENTS, too_short};
-use evcal_detection::diagnosis::bad_pixels::HotPixels;
 use evcal_detection::diagnosis::disorder::Disorder;
 use evcal_detection::diagnosis::information::Information;
 use event_recordings::{Recording, RecordingOptions};
 
-/// Share of events outside the sensor, or from hot pixels, from which advice is given.
+/// Share of events outside the sensor from which advice is given.
 const FEW_EVENTS: f64 = 0.05;
 /// Smallest share of the time in which the board should be seen, and of the sensor that it should cover.
 const ENOUGH: f64 = 0.3;
@@ -58,15 +57,15 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     if let Some(disorder) = Disorder::met(&information.report) {
         return Finding::from(disorder).into();
     }
-    if let Some(rounded) = checked.rounded {
+    if let Some(rounded) = checked.pixels.rounded {
         return Finding::from(rounded).into();
     }
     // Silent lines that make a calibration wrong or impossible; others are only broken.
-    let silent = checked.silent.as_ref().map(Finding::from);
+    let silent = checked.pixels.silent.as_ref().map(Finding::from);
     if let Some(silent) = silent.filter(|silent| silent.severity > Severity::Note) {
         return silent.into();
     }
-    if let (Some(repeated), None) = (checked.repeated, information.coarse_times) {
+    if let (Some(repeated), None) = (checked.pixels.repeated, information.coarse_times) {
         return Finding::from(repeated).into();
     }
     if let Some(edges) = checked.double_edges {
@@ -112,10 +111,7 @@ fn next_of_board(checked: &Checked, seen: &Seen, recording: &Recording) -> Advic
     if let (Some(flicker), true) = (checked.information.flicker, *share < ENOUGH) {
         return Finding::from(flicker).into();
     }
-    let hottest = &checked.information.hottest_pixels;
-    let events: u64 = hottest.iter().map(|pixel| pixel.events).sum();
-    let hot = HotPixels { count: hottest.len(), share: events as f64 / checked.information.events.max(1) as f64 };
-    if hot.share > FEW_EVENTS && *share < ENOUGH {
+    if let (Some(hot), true) = (checked.pixels.hot, *share < ENOUGH) {
         return Finding::from(hot).into();
     }
     let Some(board) = board else {

@@ -112,7 +112,7 @@ fn picture_lines(pictures: &PictureCalibration) -> Vec<StageLine> {
     lines
 }
 
-fn detection_lines(detection: &DetectionReport) -> [StageLine; 2] {
+fn detection_lines(detection: &DetectionReport) -> Vec<StageLine> {
     let windows = detection.windows + detection.too_few_events;
     let refused = detection.grids_refused.iter().map(|(reason, count)| (*count, reason.to_string()));
     let too_few = (detection.too_few_events, "too few events".to_owned());
@@ -121,21 +121,16 @@ fn detection_lines(detection: &DetectionReport) -> [StageLine; 2] {
         format!("in {by_neighbours} of those with the board, neighbouring windows determined which part of it was seen")
     });
     let pairs = detection.pairs_refused.iter().map(|(reason, count)| (*count, format!("{reason} (pairs of clusters)")));
-    [
-        StageLine::new(
-            "Board in time windows",
-            Amount::new(windows, "windows"),
-            Amount::new(detection.found, "with the board"),
-        )
-        .dropping(refused.chain([too_few]))
-        .noting(note),
-        StageLine::new(
-            "Circles",
-            Amount::new(detection.circles, "circles"),
-            Amount::new(detection.board_circles, "on boards"),
-        )
-        .dropping(pairs),
-    ]
+    let (windows, found) = (Amount::new(windows, "windows"), Amount::new(detection.found, "with the board"));
+    let mut lines =
+        vec![StageLine::new("Board in time windows", windows, found).dropping(refused.chain([too_few])).noting(note)];
+    // Squares are found in pictures, without circles.
+    if detection.circles > 0 {
+        let (circles, on_boards) =
+            (Amount::new(detection.circles, "circles"), Amount::new(detection.board_circles, "on boards"));
+        lines.push(StageLine::new("Circles", circles, on_boards).dropping(pairs));
+    }
+    lines
 }
 
 fn initial_line(initial: &InitialReport) -> StageLine {

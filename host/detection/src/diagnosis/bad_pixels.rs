@@ -7,7 +7,8 @@ use serde::Serialize;
 use super::rounded::Rounded;
 use super::silent_lines::SilentLines;
 
-/// A pixel is hot if it has more than this many times the events of the median active pixel.
+/// A hot pixel has more than this many times the events of the median active pixel, and of the median of its active neighbours: a
+/// board that stays in a part of the image leaves the other pixels without events, but its pixels have busy neighbours.
 pub(super) const HOT_FACTOR: u64 = 10;
 /// A pixel with at most this number of events is never hot.
 const FEWEST_OF_HOT: u64 = 50;
@@ -27,7 +28,7 @@ pub struct Repetition {
 const MANY_HOT: f64 = 0.02;
 
 /// Pixels that send far too many events.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct HotPixels {
     /// Their number.
     pub count: usize,
@@ -38,6 +39,17 @@ pub struct HotPixels {
 impl HotPixels {
     /// Remedy.
     pub const ADVICE: &str = "raise the contrast thresholds of the camera's pixels";
+
+    /// Returns number and share of the hot pixels from the number of events of each pixel, row by row of `width` pixels.
+    pub fn of_counts(counts: &[u32], width: usize) -> Self {
+        let width = width.max(1);
+        let count = |x: usize, y: usize| counts.get(y * width + x).filter(|_| x < width).copied().map_or(0, u64::from);
+        let pixels = counts.iter().enumerate().map(|(at, events)| (at % width, at / width, u64::from(*events)));
+        let hot = hot_pixels(pixels, count);
+        let (of_hot, all) =
+            (hot.iter().map(|pixel| pixel.2).sum::<u64>(), counts.iter().map(|count| u64::from(*count)).sum::<u64>());
+        Self { count: hot.len(), share: of_hot as f64 / all.max(1) as f64 }
+    }
 }
 
 impl fmt::Display for HotPixels {
@@ -46,8 +58,22 @@ impl fmt::Display for HotPixels {
     }
 }
 
+/// Returns column, row and number of events of the hot pixels among `pixels`; `count` returns the number of events of any pixel.
+pub(super) fn hot_pixels(
+    pixels: impl Iterator<Item = (usize, usize, u64)> + Clone,
+    count: impl Fn(usize, usize) -> u64,
+) -> Vec<(usize, usize, u64)> {
+    let around = |x: usize, y: usize| {
+        let near = |at: usize| at.saturating_sub(1)..=at + 1;
+        let places = near(y).flat_map(move |row| near(x).map(move |column| (column, row)));
+        places.filter(move |place| *place != (x, y)).map(|(x, y)| count(x, y))
+    };
+    let limit = most_of_good(pixels.clone().map(|pixel| pixel.2));
+    pixels.filter(|&(x, y, events)| events > limit && events > most_of_good(around(x, y))).collect()
+}
+
 /// Result of the diagnosis of pixels.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct BadPixels {
     /// Hot pixels, if they send many events.
     pub hot: Option<HotPixels>,
@@ -63,13 +89,9 @@ impl BadPixels {
     /// Diagnoses the pixels from the number of events of each, row by row of `width` pixels, and from the number of `repeated`
     /// events.
     pub fn of_counts(counts: &[u32], width: usize, repeated: u64) -> Self {
-        let each = || counts.iter().map(|count| u64::from(*count));
-        let limit = most_of_good(each().filter(|count| *count > 0));
-        let hot = || each().filter(|count| *count > limit);
-        let (of_hot, all): (u64, u64) = (hot().sum(), each().sum());
+        let all: u64 = counts.iter().map(|count| u64::from(*count)).sum();
         Self {
-            hot: Some(HotPixels { count: hot().count(), share: of_hot as f64 / all.max(1) as f64 })
-                .filter(|hot| hot.share > MANY_HOT),
+            hot: Some(HotPixels::of_counts(counts, width)).filter(|hot| hot.share > MANY_HOT),
             repeated: Some(Repetition { share: repeated as f64 / all.max(1) as f64 })
                 .filter(|repeated| repeated.share > MANY_REPEATED),
             silent: SilentLines::found(counts, width),
@@ -93,9 +115,9 @@ impl fmt::Display for Repetition {
     }
 }
 
-/// Returns the largest number of events of a pixel that is not hot, from the numbers of events of the active pixels.
-pub(super) fn most_of_good(active: impl Iterator<Item = u64>) -> u64 {
-    let mut active: Vec<u64> = active.collect();
+/// Returns the largest number of events of a pixel that is not hot, from the numbers of events of these pixels.
+fn most_of_good(pixels: impl Iterator<Item = u64>) -> u64 {
+    let mut active: Vec<u64> = pixels.filter(|events| *events > 0).collect();
     let middle = active.len() / 2;
     let median = if active.is_empty() { 0 } else { *active.select_nth_unstable(middle).1 };
     median.saturating_mul(HOT_FACTOR).max(FEWEST_OF_HOT)
@@ -132,5 +154,15 @@ mod tests {
         assert_eq!(most_of_good([1, 2, 3, 1000].into_iter()), 50);
         assert_eq!(most_of_good([1, 7, 9, 100, 200].into_iter()), 90);
         assert_eq!(most_of_good([].into_iter()), 50);
+    }
+
+    /// A board in a corner of the image, which only noise reaches otherwise: its pixels are not hot, but one pixel of the noise is.
+    #[test]
+    fn busy_parts_of_the_image_are_not_hot() {
+        let mut counts: Vec<u32> =
+            (0..1200).map(|at| if at % 40 < 15 && at / 40 < 15 { 300 + at } else { 4 }).collect();
+        counts[29 * 40 + 39] = 200;
+        assert_eq!(HotPixels::of_counts(&counts, 40).count, 1);
+        assert_eq!(BadPixels::of_counts(&counts, 40, 0).hot, None);
     }
 }

@@ -1,71 +1,52 @@
-//! Detection of hot pixels, which fire in nearly every slot of a twentieth of a second, unlike pixels that see moving
-//! edges.
+//! Detection of hot pixels in the last two seconds, as [`bad_pixels`](evcal_detection::diagnosis::bad_pixels) defines them.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
+use evcal_detection::diagnosis::bad_pixels;
 
-/// Length of the slots (µs).
-const SLOT: i64 = 50_000;
-/// Slots that are analysed at once: 2 s.
-const SLOTS: i64 = 40;
-/// A pixel that fires in at least this many of them is hot.
-const FEWEST: u8 = 37;
+/// Period whose events are counted (µs).
+const PERIOD: i64 = 2_000_000;
 
 /// Counts hot pixels.
 #[derive(Clone, Debug)]
 pub struct HotPixels {
     width: usize,
-    /// For each pixel: the number of slots of this period in which it fired, and whether it fired in the current one.
-    pixels: Vec<(u8, bool)>,
-    slot: i64,
-    /// The first slot of the period.
+    /// For each pixel the number of events in this period.
+    counts: Vec<u32>,
+    /// Start of this period (µs).
     first: i64,
-    count: Option<u32>,
+    count: Option<usize>,
 }
 
 impl HotPixels {
     /// Creates a counter for this sensor.
     pub fn new(sensor: Sensor) -> Self {
         let (width, height) = (usize::from(sensor.width), usize::from(sensor.height));
-        Self { width, pixels: vec![(0, false); width * height], slot: 0, first: 0, count: None }
+        Self { width, counts: vec![0; width * height], first: 0, count: None }
     }
 
     /// Adds the next events, in order of time (µs).
     pub fn push(&mut self, events: &[Event]) {
         for event in events {
-            let slot = event.t.div_euclid(SLOT);
-            if slot > self.slot {
-                self.close_slot(slot);
+            let periods = event.t.saturating_sub(self.first).div_euclid(PERIOD);
+            if periods > 0 {
+                // A period with a gap is not evaluated.
+                if periods == 1 {
+                    self.count = Some(bad_pixels::HotPixels::of_counts(&self.counts, self.width).count);
+                }
+                self.counts.fill(0);
+                self.first = event.t - event.t.rem_euclid(PERIOD);
             }
             if usize::from(event.x) < self.width
-                && let Some(pixel) = self.pixels.get_mut(usize::from(event.y) * self.width + usize::from(event.x))
+                && let Some(count) = self.counts.get_mut(usize::from(event.y) * self.width + usize::from(event.x))
             {
-                pixel.1 = true;
+                *count += 1;
             }
-        }
-    }
-
-    fn close_slot(&mut self, next: i64) {
-        self.slot = next;
-        let is_over = next - self.first >= SLOTS;
-        let mut count = 0;
-        for (slots, fired) in &mut self.pixels {
-            *slots += u8::from(std::mem::take(fired));
-            if is_over {
-                count += u32::from(std::mem::take(slots) >= FEWEST);
-            }
-        }
-        if is_over {
-            // A period with a gap is not evaluated.
-            if next - self.first == SLOTS {
-                self.count = Some(count);
-            }
-            self.first = next;
         }
     }
 
     /// Returns the number of hot pixels in the last complete 2 s; `None` before.
-    pub fn count(&self) -> Option<u32> {
+    pub fn count(&self) -> Option<usize> {
         self.count
     }
 }

@@ -147,7 +147,7 @@ struct Health {
     on_share: Option<f64>,
     /// Events per second of a pixel at rest.
     noise: Option<f64>,
-    hot_pixels: Option<u32>,
+    hot_pixels: Option<usize>,
     /// Frequency (Hz), 0 for no flicker; `None` until it is known.
     flicker: Option<f64>,
     /// Width of the circles' edges, and the smallest width of the last seconds (px).

@@ -7,7 +7,7 @@ use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
 use super::{Gap, HotPixel, LISTED, Peak, SaturatedReadout, seconds};
-use crate::diagnosis::bad_pixels::most_of_good;
+use crate::diagnosis::bad_pixels::hot_pixels;
 use crate::diagnosis::flicker::RateBins;
 use crate::diagnosis::saturation::SaturationDetector;
 use crate::diagnosis::silent_lines::{SilentLines, dead_lines};
@@ -139,12 +139,14 @@ impl Statistics {
 
     /// Returns the number of hot pixels, and the hottest of them.
     pub(super) fn hot_pixels(&self) -> (u64, Vec<HotPixel>) {
-        let limit = most_of_good(self.pixels.values().copied());
-        let mut hot: Vec<HotPixel> = self
-            .pixels
-            .iter()
-            .filter(|&(_, &events)| events > limit)
-            .map(|(&(x, y), &events)| HotPixel { x, y, events })
+        let count = |x, y| {
+            let place = u16::try_from(x).ok().zip(u16::try_from(y).ok());
+            place.and_then(|place| self.pixels.get(&place)).copied().unwrap_or(0)
+        };
+        let pixels = self.pixels.iter().map(|(&(x, y), &events)| (usize::from(x), usize::from(y), events));
+        let mut hot: Vec<HotPixel> = hot_pixels(pixels, count)
+            .into_iter()
+            .map(|(x, y, events)| HotPixel { x: x as u16, y: y as u16, events })
             .collect();
         hot.sort_by_key(|pixel| (Reverse(pixel.events), pixel.y, pixel.x));
         let count = hot.len() as u64;

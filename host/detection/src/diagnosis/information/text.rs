@@ -113,7 +113,9 @@ impl Information {
             line(
                 f,
                 "hot pixels",
-                format!("{count} with more than {HOT_FACTOR} times the median number of events; the hottest: {shown}"),
+                format!(
+                    "{count} with more than {HOT_FACTOR} times the events of the median pixel and neighbour; the hottest: {shown}"
+                ),
             )?;
         }
         if let Some(silent) = &self.silent {
