@@ -6,7 +6,7 @@
 #   tools/report/check.sh [REPORT.html [FOLDER-FOR-PICTURES]]
 #
 # Without a report, calibrates the recording in fixtures/board first, checks that the desktop page is at most 6950 px high before a
-# section is opened, and checks the page of evcal live, too (check-live.py). Installs Debian's chromium-headless-shell (99 MB)
+# section is opened, and checks the pages of evcal live (check-live.py) and of evcal board (check-blinking.py), too. Installs Debian's chromium-headless-shell (99 MB)
 # where there is no such browser.
 set -eu
 cd "$(dirname "$0")/../.."
@@ -130,6 +130,7 @@ echo "test-report: $report: $bytes bytes, no request, nothing in the console, no
 [ -z "$only_report" ] || exit 0
 if command -v python3 >/dev/null 2>&1; then
     python3 -B tools/report/check-live.py "$target/release/evcal" "$browser" "$pictures"
+    python3 -B tools/report/check-blinking.py "$target/release/evcal" "$browser" "$pictures"
 else
     echo "test-report: no python3 here: the page of evcal live is not looked at"
 fi

@@ -23,11 +23,13 @@ mod picture_examples;
 mod provenance;
 mod rectification;
 mod residuals;
+mod scene;
 mod second_camera;
 mod stages;
 mod to_copy;
 mod trajectory;
 mod trusted_places;
+mod words;
 
 use rayon::prelude::*;
 
@@ -78,8 +80,8 @@ pub fn sections<'a>(calibrated: &'a Calibrated, task: &'a Task, progress: &mut d
         &|| inertial::section(calibrated),
         &|| second_camera::section(calibrated),
         &|| example_frames::section(calibrated, board),
-        &|| residuals::section(calibrated),
-        &|| trajectory::section(calibrated),
+        &|| residuals::section(calibrated, board),
+        &|| trajectory::section(calibrated, board),
         &|| stages::section(calibrated),
     ];
     let mut made: Vec<Option<Section>> = Vec::new();

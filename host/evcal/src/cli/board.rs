@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
+use evcal_geometry::board::sheet::blinking::blinking_page;
 use evcal_geometry::board::sheet::paper::Paper;
 use evcal_geometry::board::sheet::pdf::pdf;
 use evcal_geometry::board::sheet::svg::svg;
-use evcal_geometry::board::sheet::{Page, board_sheet, board_that_fits};
+use evcal_geometry::board::sheet::{BoardSheet, Page, board_sheet, board_that_fits};
 
 use super::output_arguments::OutputArguments;
 use super::{print, value};
@@ -29,6 +30,9 @@ pub struct Arguments {
     /// SVG file to write
     #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
     svg: Option<PathBuf>,
+    /// HTML page to write: it shows the board blinking on a screen, for a camera at rest
+    #[arg(long, value_name = "FILE", group = "outputs", value_parser = value::output_file())]
+    blink: Option<PathBuf>,
     #[command(flatten)]
     results: OutputArguments,
     /// Paper: a4, a3, a2, a1, a0, letter, tabloid, or a size such as 600x400mm; portrait or landscape, as the board fits
@@ -52,31 +56,44 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             .map(Board::Circles)
             .ok_or_else(|| format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))?,
     };
-    let sheet = board_sheet(&board, &page)?;
-    let written: Vec<&Path> = arguments.pdf.iter().chain(&arguments.svg).map(PathBuf::as_path).collect();
+    let paper_files: Vec<&PathBuf> = arguments.pdf.iter().chain(&arguments.svg).collect();
+    // A screen has its own size.
+    let sheet = match paper_files.is_empty() {
+        true => None,
+        false => Some(board_sheet(&board, &page)?),
+    };
+    let written: Vec<&Path> = paper_files.into_iter().chain(&arguments.blink).map(PathBuf::as_path).collect();
     arguments.results.check(written.iter().copied(), &[])?;
-    let pdf = arguments.pdf.as_deref().map(|path| (path, pdf(&sheet)));
-    let svg = arguments.svg.as_deref().map(|path| (path, svg(&sheet).into_bytes()));
-    let files: Vec<(&Path, &[u8])> =
-        pdf.iter().chain(&svg).map(|(path, content)| (*path, content.as_slice())).collect();
+    let of_sheet =
+        |path: &'_ Option<PathBuf>, content: fn(&BoardSheet) -> Vec<u8>| path.clone().zip(sheet.as_ref().map(content));
+    let pdf = of_sheet(&arguments.pdf, pdf);
+    let svg = of_sheet(&arguments.svg, |sheet| svg(sheet).into_bytes());
+    let blink = arguments.blink.clone().map(|path| (path, blinking_page(&board).into_bytes()));
+    let files = [pdf, svg, blink].into_iter().flatten().collect::<Vec<_>>();
+    let files: Vec<(&Path, &[u8])> = files.iter().map(|(path, content)| (path.as_path(), content.as_slice())).collect();
     evcal_files::write_all(&files)?;
-    let [width, height] = sheet.size;
     if arguments.json {
+        let sheet = sheet.as_ref();
         return print::json(&serde_json::json!({
             "written": written,
             "board": board.to_string(),
-            "width_mm": width,
-            "height_mm": height,
-            "ruler_mm": sheet.ruler,
-            "first_dot_mm": sheet.dots.first().map(|dot| dot.center),
+            "width_mm": sheet.map(|sheet| sheet.size[0]),
+            "height_mm": sheet.map(|sheet| sheet.size[1]),
+            "ruler_mm": sheet.map(|sheet| sheet.ruler),
+            "first_dot_mm": sheet.and_then(|sheet| sheet.dots.first()).map(|dot| dot.center),
         }));
     }
     for path in written {
         print::line(format!("written to {}", visible::path(path)))?;
     }
-    print::line(format!(
-        "{width} x {height} mm: print at 100 % and check that both rulers measure {} mm",
-        sheet.ruler
-    ))?;
+    if let Some(BoardSheet { size: [width, height], ruler, .. }) = sheet {
+        print::line(format!("{width} x {height} mm: print at 100 % and check that both rulers measure {ruler} mm"))?;
+    }
+    if let Some(page) = &arguments.blink {
+        let page = visible::path(page);
+        print::line(format!(
+            "open {page} in a browser and set its scale; the camera is at rest for half a second in each of six views"
+        ))?;
+    }
     print::line(format!("calibrate with --board {board}"))
 }

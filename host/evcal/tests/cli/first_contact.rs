@@ -105,6 +105,7 @@ fn results_replace_existing_files_only_with_force() {
     let (camera, events) = (text(&camera), text(&events));
     for (arguments, name) in [
         (&["board", "--pdf"][..], "board.pdf"),
+        (&["board", "--blink"], "board.html"),
         (&["export", camera, "--format", "ros", "-o"], "camera_info.yaml"),
         (&["export", camera, "--format", "all", "-o"], "exports"),
         (&["export", camera, "--c-header"], "undistort.h"),

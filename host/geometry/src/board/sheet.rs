@@ -3,6 +3,7 @@
 //! Lengths are in millimetres, x to the right and y down from the top-left corner of the sheet. The board's rows run
 //! along x, so that the upright print corresponds to the board's own frame as seen by a camera.
 
+pub mod blinking;
 mod circles;
 mod code;
 mod either;

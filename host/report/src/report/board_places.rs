@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::chart::{Chart, Color, Series, range_of};
 use super::number::percent;
 use super::page::Section;
+use super::scene;
 use super::trusted_places::observation_map;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::quality::coverage::Coverage;
@@ -26,13 +27,21 @@ struct Place {
 
 /// Returns the section with the observations on the sensor, the distances and the tilts.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
-    let places: Vec<Place> = poses(calibrated).map(|pose| place(board, &pose)).collect();
+    let poses = || calibrated.posed().map(|(posed, frame)| (frame, calibrated.best_pose(posed, frame)));
+    let places: Vec<Place> = poses().map(|(_, pose)| place(board, &pose)).collect();
+    let mut path: Vec<_> =
+        poses().filter(|(frame, _)| frame.recording == 0).map(|(frame, pose)| (frame.t(), pose)).collect();
+    path.sort_by(|a, b| a.0.total_cmp(&b.0));
     let Coverage { distance, tilt, fill, .. } = &calibrated.quality.coverage;
     let content = html! {
         p {
             "Focal length and distance are determined separately only if the board is near and tilted in all directions. Here it was "
             (format!("{:.2} to {:.2} m away, tilted by up to {:.0}°, and filled up to {} of the image's shorter side", distance.low, distance.high, tilt.high, percent(fill.high)))
             " (5 % of the poses are beyond each figure)."
+        }
+        figure {
+            (scene::drawing(calibrated, board, &path))
+            figcaption { "The path of the camera in front of the board (in the first recording), from blue to red, with what it sees at some moments." }
         }
         div.trio {
             (observation_map(calibrated))
@@ -47,11 +56,6 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         }
     };
     Some(Section { id: "board", title: "Positions of the board", folded: false, content })
-}
-
-/// Returns `T_world_camera` of the reference frames in use.
-fn poses(calibrated: &Calibrated) -> impl Iterator<Item = Isometry3<f64>> {
-    calibrated.posed().map(|(posed, frame)| calibrated.best_pose(posed, frame))
 }
 
 fn place(board: &Board, pose: &Isometry3<f64>) -> Place {

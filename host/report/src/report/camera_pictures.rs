@@ -2,13 +2,14 @@
 
 use maud::{Markup, html};
 
-use super::chart::{SensorMap, round_up};
+use super::chart::SensorMap;
 use super::number::{count, signed, with_sigma};
 use super::overview::capital;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
 use super::picture_examples;
 use super::trusted_places::difference_cells;
+use super::words::words;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use evcal_calibrate::picture_calibration::calibration::{PictureReport, PictureSource};
 use evcal_calibrate::quality::cross_check::{Comparison, CrossCheckOutcome, PictureCrossCheck};
@@ -18,31 +19,31 @@ use evcal_calibrate::task::Task;
 pub fn section(calibrated: &Calibrated, task: &Task) -> Option<Section> {
     let report = calibrated.picture_report()?;
     if report.source == PictureSource::StillViews {
-        return Some(of_views(report));
+        return Some(of_views(report, words(task.board).parts));
     }
     let content = html! {
         @match &calibrated.evidence {
-            Evidence::Events(events) => (with_events(calibrated, events)),
+            Evidence::Events(events) => (with_events(calibrated, events, words(task.board).points)),
             Evidence::Pictures(_) => p { "This calibration uses the camera's frames only, no events." },
         }
-        (counts(report))
+        (counts(report, words(task.board).parts))
         (picture_examples::pictures(calibrated, task))
     };
     Some(Section { id: "camera-frames", title: "Comparison with the camera's frames", folded: false, content })
 }
 
-fn of_views(report: &PictureReport) -> Section {
+fn of_views(report: &PictureReport, parts: &str) -> Section {
     let content = html! {
         p {
             "The board blinked in front of a camera at rest. Each view is an image: the pixels on the blinking parts have many events, the others few. "
             "The calibration estimates a pose for each view, as from ordinary images."
         }
-        (counts(report))
+        (counts(report, parts))
     };
     Section { id: "views", title: "Views of a blinking board", folded: false, content }
 }
 
-fn with_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
+fn with_events(calibrated: &Calibrated, events: &EventCalibration, points: &str) -> Markup {
     html! {
         @match &events.cross_check {
             Some(CrossCheckOutcome::Compared(cross_check)) => (compared(calibrated, cross_check)),
@@ -51,7 +52,7 @@ fn with_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
         }
         @if let Some(joint) = &events.joint {
             p {
-                "Frames and events were then solved jointly: " (count(joint.dots as u64)) " dots in " (count(joint.frames as u64))
+                "Frames and events were then solved jointly: " (count(joint.dots as u64)) " " (points) " in " (count(joint.frames as u64))
                 " frames, with a clock offset of " (signed(1e3 * joint.time_offset, 3)) " ± " (signed(1e3 * joint.time_offset_sigma, 3))
                 " ms to the events."
             }
@@ -59,7 +60,7 @@ fn with_events(calibrated: &Calibrated, events: &EventCalibration) -> Markup {
     }
 }
 
-fn counts(report: &PictureReport) -> Markup {
+fn counts(report: &PictureReport, parts: &str) -> Markup {
     let (detection, pictures) = (&report.detection, report.source);
     let refused: Vec<String> =
         detection.refused.iter().map(|(reason, number)| format!("{reason}: {}", count(*number))).collect();
@@ -68,7 +69,7 @@ fn counts(report: &PictureReport) -> Markup {
             (count(detection.with_board)) " of " (count(detection.frames)) " " (pictures) " show the board; their calibration used " (count(report.used as u64))
             @if !refused.is_empty() { " (rejected: " (refused.join(", ")) ")" }
             "."
-            @if detection.blur > 0.0 { " The edges of the dots are blurred by " (signed(detection.blur, 2)) " px." }
+            @if detection.blur > 0.0 { " The edges of the " (parts) " are blurred by " (signed(detection.blur, 2)) " px." }
         }
         @for note in &detection.notes { p { (note) } }
     }
@@ -83,10 +84,10 @@ fn compared(calibrated: &Calibrated, cross_check: &PictureCrossCheck) -> Markup 
         ),
         sensor: calibrated.sensor,
         cells,
-        range: 0.0..round_up(largest),
         palette: Palette::Error,
         unit: "px",
         arrows: Vec::new(),
+        contours: false,
     };
     html! {
         p { strong { (capital(&comparison.sentence)) "." } }

@@ -1,4 +1,4 @@
-//! The distortion curve of the lens, and the reprojection errors of the detected circles.
+//! The distortion curve of the lens, and the reprojection errors of the detected points.
 
 use evcal_core::camera::Camera;
 use evcal_core::sensor::Sensor;
@@ -7,13 +7,14 @@ use nalgebra::{Vector2, Vector3};
 
 use super::chart::{Chart, Color, Series, range_of, round_up};
 use super::number::{count, signed};
+use super::words::words;
 use evcal_calibrate::calibrate::calibrated::{Calibrated, Evidence};
 use evcal_geometry::board::Board;
 
 /// Number of points of a curve.
 const POINTS: usize = 200;
-/// Limit of drawn circles; more would hide each other.
-const MOST_CIRCLES: usize = 1500;
+/// Limit of drawn points; more would hide each other.
+const MOST_POINTS: usize = 1500;
 
 /// Returns the distortion curve.
 pub fn curve_figure(calibrated: &Calibrated) -> Markup {
@@ -34,8 +35,8 @@ pub fn reprojection_errors(calibrated: &Calibrated, board: &Board) -> Markup {
     html! {
         @if !offsets.is_empty() {
             details {
-                summary { "Reprojection errors of circles" }
-                div.pair { (scatter(&offsets, matches!(calibrated.evidence, Evidence::Events(_)))) }
+                summary { "Reprojection errors of " (words(board).points) }
+                div.pair { (scatter(&offsets, words(board).points, matches!(calibrated.evidence, Evidence::Events(_)))) }
             }
         }
     }
@@ -96,13 +97,13 @@ fn offsets(calibrated: &Calibrated, board: &Board) -> Vec<Vector2<f64>> {
     of_frames.collect()
 }
 
-fn scatter(offsets: &[Vector2<f64>], from_events: bool) -> Markup {
+fn scatter(offsets: &[Vector2<f64>], points: &str, from_events: bool) -> Markup {
     let rms = (offsets.iter().map(Vector2::norm_squared).sum::<f64>() / offsets.len().max(1) as f64).sqrt();
-    let every = offsets.len().div_ceil(MOST_CIRCLES).max(1);
+    let every = offsets.len().div_ceil(MOST_POINTS).max(1);
     let shown: Vec<(f64, f64)> = offsets.iter().step_by(every).map(|offset| (offset.x, offset.y)).collect();
     let half = range_of(shown.iter().flat_map(|point| [point.0, point.1, -point.0, -point.1]), 0.2).end;
     let chart = Chart {
-        description: format!("Reprojection errors of circles along columns and rows, up to {half:.1} px."),
+        description: format!("Reprojection errors of {points} along columns and rows, up to {half:.1} px."),
         x_label: "along the row (px)",
         y_label: "along the column (px)",
         x: -half..half,
@@ -113,8 +114,8 @@ fn scatter(offsets: &[Vector2<f64>], from_events: bool) -> Markup {
         figure {
             (chart.render())
             figcaption {
-                "Reprojection errors of circles" @if from_events { " with the initial camera, before the joint solve" }
-                ": " (signed(rms, 3)) " px (rms). " (count(shown.len() as u64)) " of " (count(offsets.len() as u64)) " circles are drawn. The points should scatter evenly around 0."
+                "Reprojection errors of " (points) @if from_events { " with the initial camera, before the joint solve" }
+                ": " (signed(rms, 3)) " px (rms). " (count(shown.len() as u64)) " of " (count(offsets.len() as u64)) " " (points) " are drawn. They should scatter evenly around 0."
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::chart::{SensorMap, round_down, round_up};
+use super::chart::{SensorMap, round_down};
 use super::number::signed;
 use super::page::{Section, scrolling};
 use super::palette::Palette;
@@ -78,10 +78,10 @@ fn map(calibrated: &Calibrated, halves: &SplitHalf) -> SensorMap {
         ),
         sensor: calibrated.sensor,
         cells,
-        range: 0.0..round_up(largest),
         palette: Palette::Error,
         unit: "px",
         arrows: arrows.collect(),
+        contours: false,
     }
 }
 

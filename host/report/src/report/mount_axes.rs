@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 use nalgebra::{Isometry3, Vector2, Vector3};
 
-use super::chart::Color;
+use super::chart::{Color, round};
 
 /// Width and height of the drawing in its own units.
 const WIDTH: f64 = 640.0;
@@ -67,10 +67,6 @@ fn line(from: Vector2<f64>, to: Vector2<f64>, class: &str) -> Markup {
     html! {
         line.(class) x1=(round(from.x)) y1=(round(from.y)) x2=(round(to.x)) y2=(round(to.y)) stroke-width="3" {}
     }
-}
-
-fn round(value: f64) -> f64 {
-    (value * 10.0).round() / 10.0
 }
 
 #[cfg(test)]

@@ -4,9 +4,10 @@ use evcal_core::camera::Camera;
 use maud::{Markup, html};
 use nalgebra::Vector2;
 
-use super::number::{count, signed, with_sigma};
+use super::number::{signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
+use super::words::{Words, words};
 use super::{distortion, to_copy};
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::quality::board_evidence::BoardEstimate;
@@ -51,15 +52,14 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         p {
             "Camera model " code { (camera.kind().name()) } ". " (view(camera, calibrated.sensor)) "Pixel (0, 0) is the centre of the top-left pixel, as in OpenCV "
             "and ROS. ± σ is one standard deviation: the true value is within 2σ in about 95 of 100 calibrations. Observations of one moment share "
-            "their errors, so " (count(uncertainty.observations as u64)) " observations are worth " (count(uncertainty.effective_observations() as u64))
-            " independent ones; σ accounts for this."
+            "their errors; σ accounts for this."
         }
         div.trio {
             div.wide { (scrolling("Camera parameters", &table)) }
             (distortion::curve_figure(calibrated))
         }
         @if let Some(choice) = &calibrated.model_choice { (chosen(choice)) }
-        @if let Some(events) = calibrated.events() { (printed_board(&events.quality.board)) }
+        @if let Some(events) = calibrated.events() { (printed_board(&events.quality.board, words(board))) }
         (distortion::reprojection_errors(calibrated, board))
         details {
             summary { "Correlation of the parameters" }
@@ -75,12 +75,12 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
 }
 
 /// Returns the shape of the board that was used, next to the shape if all its parameters are estimated.
-fn printed_board(estimate: &BoardEstimate) -> Markup {
-    const ROWS: [(&str, &str, f64); PARAMETERS] = [
+fn printed_board(estimate: &BoardEstimate, words: Words) -> Markup {
+    let rows: [(&str, &str, f64); PARAMETERS] = [
         ("ratio of the print's scales along x and y", "", 1.0),
         ("bend along x", "mm", 1e3),
         ("bend along y", "mm", 1e3),
-        ("radius of the circles", "mm", 1e3),
+        (words.size, "mm", 1e3),
     ];
     let values = estimate.shape.parameters();
     let free = |index: usize| {
@@ -91,7 +91,7 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
         details {
         summary { "Shape of the board" }
         p {
-            "If the recording shows that the board is bent, unevenly printed or has another dot radius, the calibration estimates this together with the camera. "
+            "If the recording shows that the board is bent, unevenly printed or has other " (words.parts) ", the calibration estimates this together with the camera. "
             "Positive bend: the centre of the board is farther away than its edges. Last column: the values if all four are estimated."
         }
         (scrolling("Shape of the board", &html! {
@@ -103,7 +103,7 @@ fn printed_board(estimate: &BoardEstimate) -> Markup {
                     th.number scope="col" { "if estimated" }
                 } }
                 tbody {
-                    @for (index, (name, unit, factor)) in ROWS.into_iter().enumerate() {
+                    @for (index, (name, unit, factor)) in rows.into_iter().enumerate() {
                         @let (value, sigma) = with_sigma(factor * values[index], factor * estimate.sigma[index]);
                         tr {
                             th scope="row" { (name) @if !unit.is_empty() { " (" (unit) ")" } }

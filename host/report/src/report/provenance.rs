@@ -65,7 +65,7 @@ fn recordings(calibrated: &Calibrated, task: &Task) -> Markup {
                 th scope="col" { "file" }
                 th scope="col" { "camera" }
                 th scope="col" { "recorded" }
-                th.number scope="col" { "events or circles" }
+                th.number scope="col" { "events or points" }
                 th.number scope="col" { "duration (s)" }
                 th scope="col" { "notes" }
             } }
@@ -101,7 +101,7 @@ const MEANINGS: [(&str, &str); 21] = [
     ("exports/basalt-imu.json", "camera and IMU for basalt"),
     ("exports/dv-processing-imu.json", "camera and IMU for DV"),
     ("exports/static_transform.yaml", "pose of the camera relative to the IMU for ROS"),
-    ("circles", "detected circles"),
+    ("circles", "detected circles or corners"),
     ("settings.toml", "all settings of this calibration"),
     ("stages.txt", "input, output and rejected data of each stage"),
     ("good-frame.png", "the window with the smallest error of the initial model"),

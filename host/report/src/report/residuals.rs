@@ -1,11 +1,13 @@
 //! The residuals of the joint solve, by position on the sensor and by event class.
 
+use evcal_geometry::board::Board;
 use maud::{Markup, html};
 
-use super::chart::{Chart, Color, SensorMap, Series, round_down, round_up};
+use super::chart::{Chart, Color, SensorMap, Series, round_down};
 use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
+use super::words::{Words, words};
 use evcal_calibrate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use evcal_calibrate::quality::residual_map::histogram::{BIN_COUNT, BOUND, ClassResiduals};
 use evcal_calibrate::quality::residual_map::{ResidualMap, ResidualPattern};
@@ -18,37 +20,36 @@ use evcal_solve::solve::rows::event_bias::{CLASS_COUNT, EventKind};
 const RANKS: [&str; RANK_COUNT] = ["first", "second", "third", "later"];
 
 /// Returns the residuals by position and by event class.
-pub fn section(calibrated: &Calibrated) -> Option<Section> {
+pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let content = match &calibrated.evidence {
-        Evidence::Events(events) => of_events(calibrated, events),
-        Evidence::Pictures(_) => in_words(calibrated),
+        Evidence::Events(events) => of_events(calibrated, events, words(board)),
+        Evidence::Pictures(_) => in_words(calibrated, words(board)),
     };
     Some(Section { id: "residuals", title: "Residuals", folded: true, content })
 }
 
-fn in_words(calibrated: &Calibrated) -> Markup {
+fn in_words(calibrated: &Calibrated, words: Words) -> Markup {
     let statistics = calibrated.residuals();
     html! {
         p {
             "A residual is "
             @match calibrated.measured() {
-                Measured::EventEdges => "the distance of an event from the projected edge of its dot.",
-                Measured::CircleCentres => "the distance of a detected circle from the projection of its centre.",
-                Measured::Corners => "the distance of a detected corner from its projection.",
+                Measured::EventEdges => { "the distance of an event from the projected edge of its " (words.part) "." }
+                Measured::CircleCentres | Measured::Corners => { "the distance of a detected " (words.point) " from its projection." }
             }
             " The median is " (signed(statistics.median, 3)) " px, the root mean square " (signed(statistics.rms, 3)) " px."
         }
     }
 }
 
-fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup {
+fn of_events(calibrated: &Calibrated, calibration: &EventCalibration, words: Words) -> Markup {
     let map = &calibration.quality.residuals;
     let (classes, by_rank) = (&calibration.quality.classes, &calibration.quality.ranks);
     let (off, on) = by_rank.split_at(RANK_COUNT);
     let highest = by_rank.iter().flat_map(|class| (0..BIN_COUNT).map(|bin| density(class, bin))).fold(0.1, f64::max);
     html! {
-        (in_words(calibrated))
-        @if map.cells.iter().any(|cell| cell.count > 0) { (by_position(calibrated, map)) }
+        (in_words(calibrated, words))
+        @if map.cells.iter().any(|cell| cell.count > 0) { (by_position(calibrated, map, words)) }
         @if calibration.measured == Measured::EventEdges {
             h3 { "By event class" }
             p {
@@ -60,7 +61,7 @@ fn of_events(calibrated: &Calibrated, calibration: &EventCalibration) -> Markup 
                 figure { (histogram(on, "ON", highest).render()) figcaption { "Residuals of ON events, by rank in the burst." } }
             }
             (scrolling("Event classes", &class_table(calibration, classes)))
-            p.faint { "Offsets apply to a straight, slow edge and are positive outside the dot; latencies are relative to the mean of all first OFF events of bursts." }
+            p.faint { "Offsets apply to a straight, slow edge and are positive outside the " (words.part) "; latencies are relative to the mean of all first OFF events of bursts." }
         }
     }
 }
@@ -90,10 +91,10 @@ pub fn displacement_map(calibrated: &Calibrated) -> Markup {
             .zip(&map.cells)
             .map(|(place, cell)| (place, cell.displacement.map(|displacement| displacement.shift.norm())))
             .collect(),
-        range: 0.0..round_up(longest),
         palette: Palette::Error,
         unit: "px",
         arrows: arrows.collect(),
+        contours: false,
     };
     html! {
         figure {
@@ -106,44 +107,33 @@ pub fn displacement_map(calibrated: &Calibrated) -> Markup {
     }
 }
 
-fn by_position(calibrated: &Calibrated, map: &ResidualMap) -> Markup {
-    let most = largest_of_full_cells(map);
+fn by_position(calibrated: &Calibrated, map: &ResidualMap, words: Words) -> Markup {
     let rms = SensorMap {
-        description: format!("Map of the sensor: root mean square residual in each cell, up to {most:.2} px."),
+        description: "Map of the sensor: root mean square residual in each cell.".to_owned(),
         sensor: calibrated.sensor,
         cells: map
             .places()
             .zip(&map.cells)
             .map(|(place, cell)| (place, (cell.count > 0).then_some(cell.rms)))
             .collect(),
-        range: 0.0..round_up(most),
         palette: Palette::Error,
         unit: "px",
         arrows: Vec::new(),
+        contours: false,
     };
     html! {
         h3 { "By position on the sensor" }
-        (pattern_in_words(&map.pattern))
+        (pattern_in_words(&map.pattern, words.parts))
         div.pair {
             figure {
                 (rms.render())
-                figcaption { "Root mean square of the residuals in each cell. Cells with few observations do not set the scale." }
+                figcaption { "Root mean square of the residuals in each cell." }
             }
         }
     }
 }
 
-/// Returns the largest rms (px) of the cells with at least a tenth of the observations of the median cell. In cells with fewer
-/// observations, chance dominates the rms.
-fn largest_of_full_cells(map: &ResidualMap) -> f64 {
-    let mut counts: Vec<usize> = map.cells.iter().map(|cell| cell.count).filter(|&count| count > 0).collect();
-    counts.sort_unstable();
-    let median = counts.get(counts.len() / 2).copied().unwrap_or(0);
-    let full = map.cells.iter().filter(|cell| 10 * cell.count >= median);
-    full.map(|cell| cell.rms).fold(0.0, f64::max)
-}
-
-fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
+fn pattern_in_words(pattern: &ResidualPattern, parts: &str) -> Markup {
     let ResidualPattern { cells, shift, shift_ratio, outward, outward_ratio } = *pattern;
     html! {
         @if cells == 0 {
@@ -153,7 +143,7 @@ fn pattern_in_words(pattern: &ResidualPattern) -> Markup {
                 "The mean displacements of the cells (map at the top) are " strong { (format!("{shift_ratio:.1} times")) } " as large as from noise alone: 1 is noise, "
                 "1.5 and more a pattern. Without the noise they are " (signed(shift, 3)) " px (rms)."
                 @if outward_ratio > 0.0 {
-                    " The edges of the dots are displaced inwards or outwards " (format!("{outward_ratio:.1}")) " times as far as from noise alone; without the noise "
+                    " The edges of the " (parts) " are displaced inwards or outwards " (format!("{outward_ratio:.1}")) " times as far as from noise alone; without the noise "
                     (signed(outward, 3)) " px. This is an error of the event biases, not of the camera model."
                 }
             }
@@ -186,7 +176,7 @@ fn histogram(ranks: &[ClassResiduals], polarity: &str, highest: f64) -> Chart<'s
         .collect();
     Chart {
         description: format!("Histogram of the residuals of {polarity} events, one curve per rank in the burst."),
-        x_label: "residual (px), positive outside the dot",
+        x_label: "residual (px), outwards positive",
         y_label: "share per px",
         x: -BOUND..BOUND,
         y: 0.0..1.05 * highest,

@@ -2,11 +2,13 @@
 
 use std::ops::Range;
 
+use evcal_geometry::board::Board;
 use maud::{Markup, html};
 
 use super::chart::{Chart, Color, Series, range_of};
 use super::number::count;
 use super::page::{Section, scrolling};
+use super::words::words;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::interval_choice::IntervalChoice;
 use evcal_solve::solve::equations::pose_covariance::{PoseCovariance, PoseSigma};
@@ -24,7 +26,7 @@ const PLOTTED: usize = 4;
 const LISTED: usize = 60;
 
 /// Returns position and rotation over time, and the segments.
-pub fn section(calibrated: &Calibrated) -> Option<Section> {
+pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let events = calibrated.events()?;
     let refined = &events.refined;
     let trajectories = &refined.state.trajectories;
@@ -33,7 +35,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
         .filter_map(|recording| plots(trajectories, &events.quality.poses, recording, recordings));
     let content = html! {
         p {
-            "The pose of the camera in the frame of the board: the origin is the first circle, x is along a row, y across the rows, and the camera is at "
+            "The pose of the camera in the frame of the board: the origin is the first " (words(board).point) ", x is along a row, y across the rows, and the camera is at "
             "negative z. Gaps are times without the board; each segment between gaps has its own spline."
         }
         @for plots in plots { (plots) }

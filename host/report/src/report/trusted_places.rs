@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::chart::{Cell, SensorMap, cells_of_grid, round_up};
+use super::chart::{Cell, SensorMap, cells_of_grid};
 use super::number::{percent, signed};
 use super::page::Section;
 use super::palette::Palette;
@@ -16,8 +16,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
     let content = html! {
         p {
             "If the same camera were calibrated many times, the image of a distant point would vary by " (signed(projection.rms, 3))
-            " px: one standard deviation (σ), rms over the sensor. In 95 of 100 calibrations the rms error is below " (signed(projection.rms_95, 3))
-            " px, the figure at the top. In regions without observations (grey in the map at the top) the result depends on the lens model alone, and may "
+            " px: one standard deviation (σ), rms over the sensor. In 95 of 100 calibrations the rms error is below the figure at the top. In regions without observations (grey in the map at the top) the result depends on the lens model alone, and may "
             "be wrong by more than σ."
         }
         @if let Some(events) = calibrated.events() { (parts(&events.quality.projection_parts)) }
@@ -31,8 +30,8 @@ pub fn uncertainty_map(calibrated: &Calibrated) -> Markup {
         figure {
             (uncertainty(calibrated).render())
             figcaption {
-                "Uncertainty: standard deviation of the projection of distant points, with the rotation of the camera removed. Grey: no observations support "
-                "the result."
+                "Error of the projection of distant points that 95 of 100 calibrations do not exceed (2σ), with the rotation of the camera removed. Grey: no "
+                "observations support the result."
             }
         }
     }
@@ -78,20 +77,20 @@ fn uncertainty(calibrated: &Calibrated) -> SensorMap {
     let projection = &calibrated.quality.projection;
     let coverage = &calibrated.quality.coverage;
     let value = |pixel: [f64; 2], sigma: Option<f64>| {
-        sigma.filter(|_| coverage.has_observations_near(pixel, calibrated.sensor))
+        sigma.filter(|_| coverage.has_observations_near(pixel, calibrated.sensor)).map(|sigma| 2.0 * sigma)
     };
     let points: Vec<_> = projection.grid.iter().map(|point| (point.pixel, value(point.pixel, point.sigma))).collect();
     let most = points.iter().filter_map(|point| point.1).fold(0.0, f64::max);
     SensorMap {
         description: format!(
-            "Map of the sensor: standard deviation of the projection, up to {most:.3} px in regions with observations."
+            "Map of the sensor: error of the projection with 95 % confidence, up to {most:.3} px in regions with observations."
         ),
         sensor: calibrated.sensor,
         cells: cells_of_grid(&points, usize::from(projection.columns), usize::from(projection.rows)),
-        range: 0.0..round_up(most),
         palette: Palette::Error,
         unit: "px",
         arrows: Vec::new(),
+        contours: true,
     }
 }
 
@@ -115,9 +114,9 @@ fn seen(calibrated: &Calibrated) -> SensorMap {
         description: format!("Map of the sensor: number of observations in each cell, up to {most}."),
         sensor: calibrated.sensor,
         cells: cells.collect(),
-        range: 0.0..round_up(most.max(1) as f64),
         palette: Palette::Amount,
         unit: "observations",
         arrows: Vec::new(),
+        contours: false,
     }
 }

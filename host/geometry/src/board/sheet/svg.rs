@@ -3,19 +3,12 @@
 use svg::Document;
 use svg::node::element::{Circle, Group, Line, Path, Rectangle, Title};
 
-use super::BoardSheet;
+use super::{BoardSheet, Dot};
 use crate::board::squares::raster::Rectangle as Dark;
 
 /// Returns the sheet as an SVG of exactly its size; one user unit is one millimetre.
 pub fn svg(sheet: &BoardSheet) -> String {
     let [width, height] = sheet.size;
-    let mut dark = Group::new().set("fill", "black");
-    for dot in &sheet.dots {
-        dark = dark.add(Circle::new().set("cx", dot.center[0]).set("cy", dot.center[1]).set("r", dot.radius));
-    }
-    for parts in [&sheet.rectangles, &sheet.code].into_iter().filter(|parts| !parts.is_empty()) {
-        dark = dark.add(Path::new().set("d", outlines(parts)));
-    }
     let mut lines = Group::new().set("stroke", "black");
     for line in &sheet.lines {
         let ([x1, y1], [x2, y2]) = (line.from, line.to);
@@ -35,10 +28,22 @@ pub fn svg(sheet: &BoardSheet) -> String {
         .set("viewBox", format!("0 0 {width} {height}"))
         .add(Title::new(format!("Board {}", sheet.board)))
         .add(Rectangle::new().set("width", width).set("height", height).set("fill", "white"))
-        .add(dark)
+        .add(dark(&sheet.dots, &[&sheet.rectangles, &sheet.code]))
         .add(lines)
         .add(words);
     format!("{document}\n")
+}
+
+/// Returns dots and rectangles in black.
+pub(super) fn dark(dots: &[Dot], rectangles: &[&[Dark]]) -> Group {
+    let mut dark = Group::new().set("fill", "black");
+    for dot in dots {
+        dark = dark.add(Circle::new().set("cx", dot.center[0]).set("cy", dot.center[1]).set("r", dot.radius));
+    }
+    for parts in rectangles.iter().filter(|parts| !parts.is_empty()) {
+        dark = dark.add(Path::new().set("d", outlines(parts)));
+    }
+    dark
 }
 
 /// Returns the outlines of all parts as one path, because viewers show seams between parts that are filled separately.

@@ -1,5 +1,6 @@
 use evcal_core::pattern::Layout;
 
+use super::blinking::blinking_page;
 use super::*;
 use crate::board::squares::SquareBoard;
 
@@ -15,6 +16,22 @@ fn page(paper: Paper) -> Page<'static> {
 
 fn paper(text: &str) -> Paper {
     text.parse().unwrap()
+}
+
+/// The board on a screen is the printed one, without rulers and text; nothing of the template is left open.
+#[test]
+fn a_page_shows_the_dark_parts_of_the_board() {
+    let dots: CircleBoard = board("acircles:9x4:20mm:r6mm");
+    let squares: SquareBoard = "aprilgrid:3x4:30mm:0.3".parse().unwrap();
+    let page = |page: String| {
+        assert!(!["{svg}", "{board}", "{width}", "{height}"].iter().any(|place| page.contains(place)), "{page}");
+        page
+    };
+    let of_dots = page(blinking_page(&dots));
+    assert_eq!(of_dots.matches("<circle").count(), 36);
+    assert!(of_dots.contains("--board acircles:9x4:20mm:r6mm -o"));
+    let printed = squares.shapes([CLEARANCE; 2]).rectangles.len();
+    assert_eq!(page(blinking_page(&squares)).matches('Z').count(), printed);
 }
 
 #[test]
