@@ -52,7 +52,7 @@ pub fn detect<'py>(
         .flat_map(|(number, frame)| frame.circles.iter().map(move |circle| (number as u32, circle)));
     let mut bytes = Vec::new();
     for (number, circle) in circles {
-        let t = found.origin_us + (circle.t * 1e6).round() as i64;
+        let t = found.source.time_origin_us + (circle.t * 1e6).round() as i64;
         bytes.extend_from_slice(&t.to_le_bytes());
         for value in [circle.center.x, circle.center.y, circle.radius.unwrap_or(f64::NAN)] {
             bytes.extend_from_slice(&value.to_le_bytes());

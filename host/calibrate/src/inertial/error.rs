@@ -33,7 +33,7 @@ pub enum InertialError {
     #[error("a file of IMU samples belongs to one recording: calibrate with one recording")]
     SeveralRecordings,
     /// There are no samples.
-    #[error("{file} contains no IMU samples: record with the IMU on, or give a CSV file of them")]
+    #[error("{file} contains no IMU samples")]
     NoSamples {
         /// The recording.
         file: String,

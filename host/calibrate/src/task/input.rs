@@ -8,8 +8,8 @@ use evcal_core::sensor::Sensor;
 use evcal_detection::circles::file::InputKind;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_detection::circles::serial::{SerialAddress, SerialError};
-use evcal_detection::circles::stream::{self, CircleStream};
-use evcal_detection::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError};
+use evcal_detection::circles::stream;
+use evcal_detection::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError, TrackSource};
 use evcal_detection::detection::{DetectionReport, order_frames};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
@@ -182,12 +182,11 @@ impl Input {
             InputKind::Events => Ok(Self::Events(Recording::new(path, options.clone())?)),
             InputKind::CircleTrack => {
                 let files = Files::new([path.to_owned()]);
-                let track = track::read(path, &board.lattice(), 0)?;
-                Ok(Self::from_track(path, track, None, board, files))
+                Ok(Self::from_track(path, track::read(path, &board.lattice(), 0)?, board, files))
             }
             InputKind::CircleStream => {
                 let files = Files::new([path.to_owned()]);
-                Ok(Self::from_stream(path, stream::read(path)?, board, files))
+                Ok(Self::from_track(path, stream::read(path)?.track, board, files))
             }
         }
     }
@@ -198,19 +197,16 @@ impl Input {
     /// [`SerialError`] if no circle is received.
     pub fn listen(address: &SerialAddress, board: &Board, progress: impl FnMut(&str)) -> Result<Self, SerialError> {
         let stream = address.receive(progress)?;
-        Ok(Self::from_stream(Path::new(&address.to_string()), stream, board, Files::default()))
+        Ok(Self::from_track(Path::new(&address.to_string()), stream.track, board, Files::default()))
     }
 
-    fn from_stream(path: &Path, stream: CircleStream, board: &Board, files: Files) -> Self {
-        Self::from_track(path, stream.track, stream.sensor, board, files)
-    }
-
-    fn from_track(path: &Path, track: CircleTrack, sensor: Option<Sensor>, board: &Board, files: Files) -> Self {
+    fn from_track(path: &Path, track: CircleTrack, board: &Board, files: Files) -> Self {
+        let TrackSource { sensor, time_origin_us } = track.source;
         let (frames, detection) = match track.frames {
             CircleFrames::Ordered(frames) => (frames, DetectionReport::default()),
             CircleFrames::Unordered(frames) => order_frames(&frames, &board.lattice(), sensor),
         };
-        let start = track.time_origin_us as f64 * 1e-6;
+        let start = time_origin_us as f64 * 1e-6;
         Self::Circles { path: path.to_owned(), sensor, frames, start, notes: track.notes, detection, files }
     }
 }

@@ -13,7 +13,7 @@ use nalgebra::Vector2;
 
 use crate::circles::reference_frame::UnorderedCircle;
 use crate::circles::reference_frame::UnorderedFrame;
-use crate::circles::track::{CircleFrames, CircleTrack, CircleTrackError};
+use crate::circles::track::{CircleFrames, CircleTrack, CircleTrackError, TrackSource};
 
 /// Time between the last window before a device restarted and the first one after, in microseconds: longer than the largest gap
 /// within a trajectory.
@@ -24,8 +24,6 @@ const RESTART_GAP_US: i64 = 1_000_000;
 pub struct CircleStream {
     /// The circles.
     pub track: CircleTrack,
-    /// Size of the sensor in pixels, if the device reported it.
-    pub sensor: Option<Sensor>,
     /// Last report of the device about itself.
     pub hello: Option<Hello>,
     /// Counts of the device since it started, as last reported.
@@ -138,17 +136,11 @@ impl Receiver {
         });
         let track = CircleTrack {
             frames: CircleFrames::Unordered(frames.collect()),
-            time_origin_us: origin_us,
+            source: TrackSource { sensor: self.sensor, time_origin_us: origin_us },
             circles,
             notes,
         };
-        Some(CircleStream {
-            track,
-            sensor: self.sensor,
-            hello: self.hello,
-            statistics: self.statistics,
-            link: *self.decoder.counts(),
-        })
+        Some(CircleStream { track, hello: self.hello, statistics: self.statistics, link: *self.decoder.counts() })
     }
 
     fn take(&mut self, message: Message) {
@@ -349,8 +341,8 @@ mod tests {
     fn windows_become_frames() {
         let messages = [vec![hello(true)], window(0, 5_000_000, 2), window(1, 5_010_000, 0), window(2, 5_020_000, 3)];
         let stream = receive(&encode(&messages.concat()).concat()).unwrap();
-        assert_eq!((stream.sensor, stream.track.circles), (Some(Sensor::new(320, 240)), 5));
-        assert_eq!(stream.track.time_origin_us, 5_000_000);
+        assert_eq!((stream.track.source.sensor, stream.track.circles), (Some(Sensor::new(320, 240)), 5));
+        assert_eq!(stream.track.source.time_origin_us, 5_000_000);
         let [first, second] = frames(&stream) else { panic!() };
         assert_eq!((first.start, first.end, first.circles.len()), (0.0, 0.004, 2));
         assert_eq!((second.start, second.end, second.circles.len()), (0.02, 0.024, 3));
@@ -407,7 +399,7 @@ mod tests {
         }
         let stream = receive(&encode(&messages).concat()).unwrap();
         let starts: Vec<f64> = frames(&stream).iter().map(|frame| frame.start).collect();
-        assert!(stream.track.time_origin_us < 0 && starts.len() == 8 && starts.is_sorted(), "{starts:?}");
+        assert!(stream.track.source.time_origin_us < 0 && starts.len() == 8 && starts.is_sorted(), "{starts:?}");
     }
 
     #[test]
@@ -417,7 +409,7 @@ mod tests {
             messages.push(Message::Hello(Hello { sensor_width, sensor_height: 240, ..Hello::default() }));
         }
         let stream = receive(&encode(&messages).concat()).unwrap();
-        assert_eq!(stream.sensor, Some(Sensor::new(320, 240)));
+        assert_eq!(stream.track.source.sensor, Some(Sensor::new(320, 240)));
         let notes = stream.track.notes.join("; ");
         assert!(notes.contains("changed its sensor from 320 x 240 to 346 x 240 pixels"), "{notes}");
     }

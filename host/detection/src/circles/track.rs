@@ -25,7 +25,7 @@
 //! `# filename x y` names the columns, and the lines of an image are the corners of the board, row by row.
 //!
 //! Times are on the recording's clock, minus the origin, which the comment `# time_origin_us 1643243628737093` states in
-//! microseconds (0 without it). Without that comment, times beyond 10⁶ s get the whole seconds of the first line as origin,
+//! microseconds (0 without it). The comment `# sensor 346 x 260` states the size of the sensor. Without that comment, times beyond 10⁶ s get the whole seconds of the first line as origin,
 //! because f64 seconds since 1970 have a resolution of only 0.2 µs.
 
 mod parse;
@@ -35,6 +35,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use evcal_core::pattern::{Layout, Pattern};
+use evcal_core::sensor::Sensor;
 use evcal_files::text;
 
 use crate::circles::reference_frame::ReferenceFrame;
@@ -50,13 +51,32 @@ pub enum CircleFrames {
     Unordered(Vec<UnorderedFrame>),
 }
 
+/// What a circle track states about its recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TrackSource {
+    /// Size of the sensor in pixels, if it is known.
+    pub sensor: Option<Sensor>,
+    /// Time of the recording's clock at which the times of the frames are 0, in microseconds.
+    pub time_origin_us: i64,
+}
+
+impl TrackSource {
+    /// Writes the comments that state it.
+    fn write(&self, output: &mut impl Write) -> io::Result<()> {
+        if let Some(Sensor { width, height }) = self.sensor {
+            writeln!(output, "# sensor {width} x {height}")?;
+        }
+        writeln!(output, "# time_origin_us {}", self.time_origin_us)
+    }
+}
+
 /// A circle track.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CircleTrack {
     /// The frames.
     pub frames: CircleFrames,
-    /// Time of the recording's clock at which the times of the frames are 0, in microseconds.
-    pub time_origin_us: i64,
+    /// The recording.
+    pub source: TrackSource,
     /// Number of circles.
     pub circles: usize,
     /// Assumptions, ignored columns and losses, as sentences for the user.
@@ -201,12 +221,12 @@ pub fn write<F: Borrow<ReferenceFrame>>(
     output: &mut impl Write,
     frames: impl IntoIterator<Item = F>,
     pattern: &Pattern,
-    time_origin_us: i64,
+    source: TrackSource,
 ) -> io::Result<()> {
     let columns = usize::from(pattern.columns.max(1));
     let optional = |value: Option<f64>| value.map(rounded).unwrap_or_default();
     writeln!(output, "# circles of a board {}", describe(pattern))?;
-    writeln!(output, "# time_origin_us {time_origin_us}")?;
+    source.write(output)?;
     writeln!(output, "frame,t_s,t_start_s,t_end_s,column,row,x_px,y_px,radius_px,vx_px_per_s,vy_px_per_s")?;
     for (number, frame) in frames.into_iter().enumerate() {
         let frame = frame.borrow();
@@ -237,9 +257,10 @@ pub fn write<F: Borrow<ReferenceFrame>>(
 pub fn write_unordered<'a>(
     output: &mut impl Write,
     frames: impl IntoIterator<Item = &'a UnorderedFrame>,
-    time_origin_us: i64,
+    source: TrackSource,
 ) -> io::Result<()> {
-    writeln!(output, "# circles of no known board\n# time_origin_us {time_origin_us}")?;
+    writeln!(output, "# circles of no known board")?;
+    source.write(output)?;
     writeln!(output, "frame,t_s,t_start_s,t_end_s,x_px,y_px,radius_px")?;
     for (number, frame) in frames.into_iter().enumerate() {
         for circle in &frame.circles {
@@ -448,7 +469,7 @@ t_us,x_px,y_px,column,row
     fn times_since_1970_get_an_origin() {
         let text = "t_us,x_px,y_px,column,row\n1643243628737093,1,1,0,0\n1643243628737593,2,1,1,0\n";
         let track = parse(text.as_bytes(), &PATTERN, 0).unwrap();
-        assert_eq!(track.time_origin_us, 1_643_243_628_000_000);
+        assert_eq!(track.source.time_origin_us, 1_643_243_628_000_000);
         let CircleFrames::Ordered(frames) = track.frames else { panic!("has places") };
         assert_eq!(frames[0].circles[0].t, 0.737093);
         assert!(track.notes.iter().any(|note| note.contains("1643243628")), "{:?}", track.notes);
@@ -490,7 +511,7 @@ t_us,x_px,y_px,column,row
         let (start, end, seen_in) = (0.027999999999999997, 0.1 + 0.2, SeenIn::Circles);
         let frame = ReferenceFrame { recording: 0, start, end, circles: vec![circle], seen_in };
         let mut bytes = Vec::new();
-        write(&mut bytes, [&frame], &PATTERN, 0).unwrap();
+        write(&mut bytes, [&frame], &PATTERN, TrackSource::default()).unwrap();
         let text = String::from_utf8(bytes).unwrap();
         assert_eq!(text.lines().last(), Some("0,0.032,0.028,0.3,0,0,158.633713,0,4.82717,,"));
     }
@@ -498,7 +519,7 @@ t_us,x_px,y_px,column,row
     proptest! {
         #[test]
         fn written_tracks_are_read_back(
-            frames in prop::collection::vec(prop::collection::vec(circle(), 1..18), 1..5), origin in any::<i64>()
+            frames in prop::collection::vec(prop::collection::vec(circle(), 1..18), 1..5), origin in any::<i64>(), width in any::<u16>()
         ) {
             let frames: Vec<ReferenceFrame> = frames
                 .into_iter()
@@ -511,11 +532,12 @@ t_us,x_px,y_px,column,row
                 })
                 .collect();
             let mut bytes = Vec::new();
-            write(&mut bytes, &frames, &PATTERN, origin).unwrap();
+            let source = TrackSource { sensor: (width > 0).then(|| Sensor::new(width, 260)), time_origin_us: origin };
+            write(&mut bytes, &frames, &PATTERN, source).unwrap();
             prop_assert!(is_circle_track(std::str::from_utf8(&bytes).unwrap()));
             let track = parse(&bytes, &PATTERN, 2).unwrap();
             prop_assert_eq!(track.frames, CircleFrames::Ordered(frames));
-            prop_assert_eq!((track.time_origin_us, track.notes), (origin, Vec::new()));
+            prop_assert_eq!((track.source, track.notes), (source, Vec::new()));
         }
 
         #[test]

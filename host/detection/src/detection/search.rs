@@ -19,7 +19,7 @@ use super::squares::SquareStage;
 use crate::circles::event_pixel::EventPixel;
 use crate::circles::reference_frame::{ReferenceFrame, SeenIn, UnorderedFrame};
 use crate::circles::stream::CircleStream;
-use crate::circles::track::{self, CircleFrames};
+use crate::circles::track::{self, CircleFrames, TrackSource};
 use evcal_files::FileError;
 use evcal_geometry::board::{Board, SquareBoard};
 use evcal_squares::reconstruction::ReconstructionOptions;
@@ -59,7 +59,7 @@ pub struct FoundCircles {
     /// Assumptions made when the recording was read.
     pub notes: Vec<String>,
     /// Start of the times of `content` (µs).
-    pub origin_us: i64,
+    pub source: TrackSource,
 }
 
 /// Frames or windows with the board or circles.
@@ -199,12 +199,14 @@ fn search(
             (FoundContent::Windows(windows), report, pass)
         }
     };
-    Ok((FoundCircles { content, report, origin_us: pass.first, notes: pass.to_report().notes }, pass.report))
+    let source = TrackSource { sensor: Some(sensor), time_origin_us: pass.first };
+    Ok((FoundCircles { content, report, source, notes: pass.to_report().notes }, pass.report))
 }
 
 /// Searches the circles that a device found, which never belong to a board of squares. `sensor` is the given size, if any.
 pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: SearchFor) -> FoundCircles {
-    let CircleStream { track, sensor: sensor_of_device, .. } = stream;
+    let track = stream.track;
+    let source = TrackSource { sensor: sensor.or(track.source.sensor), ..track.source };
     let frames = match track.frames {
         CircleFrames::Unordered(frames) => frames,
         // A device does not know the board.
@@ -212,7 +214,7 @@ pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: Searc
     };
     let (content, report) = match wanted {
         SearchFor::Board(pattern) => {
-            let (ordered, report) = order_frames(&frames, &pattern, sensor.or(sensor_of_device));
+            let (ordered, report) = order_frames(&frames, &pattern, source.sensor);
             (FoundContent::Boards(pattern, ordered), report)
         }
         SearchFor::Squares(board) => (FoundContent::Boards(board.lattice(), Vec::new()), DetectionReport::default()),
@@ -226,7 +228,7 @@ pub fn search_stream(stream: CircleStream, sensor: Option<Sensor>, wanted: Searc
             (FoundContent::Frames(enough), report)
         }
     };
-    FoundCircles { content, report, origin_us: track.time_origin_us, notes: track.notes }
+    FoundCircles { content, report, source, notes: track.notes }
 }
 
 impl FoundCircles {
@@ -237,12 +239,12 @@ impl FoundCircles {
     pub fn write_track(&self, path: &Path) -> Result<(), FileError> {
         evcal_files::write_with(path, |file| -> io::Result<()> {
             match &self.content {
-                FoundContent::Boards(pattern, frames) => track::write(file, frames, pattern, self.origin_us),
+                FoundContent::Boards(pattern, frames) => track::write(file, frames, pattern, self.source),
                 FoundContent::Windows(windows) => {
                     let frames: Vec<UnorderedFrame> = windows.iter().map(CircleWindow::to_frame).collect();
-                    track::write_unordered(file, &frames, self.origin_us)
+                    track::write_unordered(file, &frames, self.source)
                 }
-                FoundContent::Frames(frames) => track::write_unordered(file, frames, self.origin_us),
+                FoundContent::Frames(frames) => track::write_unordered(file, frames, self.source),
             }
         })
     }

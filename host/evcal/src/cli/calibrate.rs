@@ -356,7 +356,7 @@ fn open_and_calibrate(arguments: &Arguments) -> super::Outcome {
     };
     let fixed = arguments.second.fixed_cameras(&arguments.calibration)?;
     let recordings = CameraRecordings { first: &arguments.recordings, others, fixed };
-    let waiting = Waiting::new(arguments.calibration.json);
+    let waiting = Waiting::of_stages(arguments.calibration.json);
     calibrate_recordings(recordings, &arguments.source.options(), &arguments.calibration, &settings, &folder, waiting)
 }
 

@@ -152,7 +152,11 @@ fn print_report(arguments: &Arguments, found: &FoundCircles, tried: String, idle
     for (reason, count) in &report.grids_refused {
         text += &format!("rejected windows: {count} ({reason})\n");
     }
-    text += &format!("{} circles, {} of them on boards", report.circles, report.board_circles);
+    // Squares are found in pictures, without circles.
+    text += &match report.circles {
+        0 => format!("{} points on boards", report.board_circles),
+        circles => format!("{circles} circles, {} of them on boards", report.board_circles),
+    };
     if report.found == 0 {
         let board = arguments.board.as_ref().map(BoardRequest::to_string);
         let rest: Vec<&str> = board.iter().flat_map(|board| ["--board", board]).collect();

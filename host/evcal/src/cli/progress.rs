@@ -12,6 +12,10 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 const WITHOUT_END: &str = "{spinner} {elapsed:>4} {wide_msg}";
 /// Style with a known total.
 const WITH_END: &str = "{spinner} {elapsed:>4} {bar:24} {percent:>3} %{left} {wide_msg}";
+/// Style of a bar for many stages.
+const OF_STAGES: &str = "{spinner} {elapsed:>4} {bar:24} {wide_msg}";
+/// Share of the rest of the bar that each of an unknown number of stages takes: the bar grows with each stage and never ends early.
+const SHARE_OF_STAGE: f64 = 0.25;
 /// Length of the bar in steps.
 const LENGTH: u64 = 1000;
 /// Share of the work, and time in seconds, before the remaining time is shown.
@@ -61,7 +65,10 @@ pub struct Waiting {
     /// `true` if each stage is printed as a line.
     lines: bool,
     stage: String,
-    has_end: bool,
+    /// Style of the bar.
+    style: &'static str,
+    /// If the command has many stages, the share of the bar before the current one.
+    before: Option<f64>,
     /// Another receiver of the progress.
     listener: Option<Listener>,
 }
@@ -70,10 +77,15 @@ pub struct Waiting {
 pub type Listener = Box<dyn FnMut(&str, Option<f64>) + Send>;
 
 impl Waiting {
-    /// Creates the progress; if `silent`, nothing is shown.
+    /// Creates the progress of a command with one stage; if `silent`, nothing is shown.
     pub fn new(silent: bool) -> Self {
         let lines = !silent && !std::io::stderr().is_terminal();
-        Self { bar: spinner(silent), lines, stage: String::new(), has_end: false, listener: None }
+        Self { bar: spinner(silent), lines, stage: String::new(), style: WITHOUT_END, before: None, listener: None }
+    }
+
+    /// Creates the progress of a calibration: one bar for all of its stages, which only grows.
+    pub fn of_stages(silent: bool) -> Self {
+        Self { before: Some(0.0), ..Self::new(silent) }
     }
 
     /// Also reports the progress to `listener`.
@@ -89,15 +101,28 @@ impl Waiting {
     /// Shows the current stage as [`Self::stage`] does, with the longer `text` on a terminal.
     pub fn part(&mut self, stage: &str, text: &str, done: Option<f64>) {
         if self.stage != stage {
+            match &mut self.before {
+                Some(before) if !self.stage.is_empty() => *before += (1.0 - *before) * SHARE_OF_STAGE,
+                Some(_) => {}
+                None => self.bar.reset(),
+            }
             stage.clone_into(&mut self.stage);
-            self.bar.reset();
             if self.lines {
                 super::print::aside(format_args!("{stage} ..."));
             }
         }
-        if self.has_end != done.is_some() {
-            self.has_end = done.is_some();
-            self.bar.set_style(style(if self.has_end { WITH_END } else { WITHOUT_END }));
+        let done = match self.before {
+            Some(before) => Some(before + (1.0 - before) * SHARE_OF_STAGE * done.unwrap_or(0.0).clamp(0.0, 1.0)),
+            None => done,
+        };
+        let wanted = match (self.before, done) {
+            (Some(_), _) => OF_STAGES,
+            (None, Some(_)) => WITH_END,
+            (None, None) => WITHOUT_END,
+        };
+        if self.style != wanted {
+            self.style = wanted;
+            self.bar.set_style(style(wanted));
         }
         if let Some(done) = done {
             self.bar.set_length(LENGTH);
@@ -118,6 +143,23 @@ impl Waiting {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_bar_of_many_stages_only_grows() {
+        let (sender, seen) = std::sync::mpsc::channel();
+        let mut waiting = Waiting::of_stages(true).and(Some(Box::new(move |_, done| {
+            let _ = sender.send(done);
+        })));
+        for (stage, done) in
+            [("search", None), ("search", Some(0.7)), ("solve", None), ("solve", Some(0.9)), ("end", Some(1.0))]
+        {
+            waiting.stage(stage, done);
+        }
+        drop(waiting);
+        let seen: Vec<f64> = seen.iter().flatten().collect();
+        assert_eq!(seen.len(), 5);
+        assert!(seen.is_sorted() && seen[0] == 0.0 && seen[4] < 1.0, "{seen:?}");
+    }
 
     #[test]
     fn remaining_time_is_shown_after_some_progress() {

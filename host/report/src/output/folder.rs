@@ -20,7 +20,7 @@ use evcal_calibrate::task::Task;
 use evcal_calibrate::task::input::Input;
 use evcal_calibrate::task::step::Step;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
-use evcal_detection::circles::track;
+use evcal_detection::circles::track::{self, TrackSource};
 use evcal_files::FileError;
 use evcal_files::folder::{FolderError, OutputFolder};
 use evcal_geometry::board::Board;
@@ -171,9 +171,9 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
             ));
         }
         let frames = frames(calibrated, recording);
-        let origin = (start * 1e6).round() as i64;
+        let source = TrackSource { sensor: Some(calibrated.sensor), time_origin_us: (start * 1e6).round() as i64 };
         evcal_files::write_with(&folder.join(of_recording(CIRCLES)), |file| {
-            track::write(file, frames, &task.board.lattice(), origin)
+            track::write(file, frames, &task.board.lattice(), source)
         })?;
     }
     match &calibrated.evidence {

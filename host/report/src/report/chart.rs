@@ -211,6 +211,14 @@ fn label(value: &f64) -> String {
     }
 }
 
+/// Returns the value that [`USUAL`] of the values do not exceed; 0 without values.
+pub fn usual_largest(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    let last = (values.len() as f64 * USUAL).ceil() as usize;
+    values.get(last.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
 /// Returns the largest of 1, 2 and 5 times a power of ten that is not above `value`.
 pub fn round_down(value: f64) -> f64 {
     let power = 10_f64.powf(value.max(1e-9).log10().floor());
@@ -248,8 +256,10 @@ pub type Cell = ([f64; 4], Option<f64>);
 const SHADES: f64 = 48.0;
 /// Difference between the sides of neighbouring cells (px).
 const ROUNDING: f64 = 1e-6;
-/// Share of the cells whose values are within the scale of a map: one odd cell does not set it.
-const WITHIN_SCALE: f64 = 0.95;
+/// Share of the values that are within a scale: one odd cell does not set it.
+const USUAL: f64 = 0.95;
+/// Smallest distance of the number on a line of equal value from the sides of the map.
+const NUMBER: f64 = 50.0;
 
 /// Cells of one colour: left, top, right and bottom (px), and their value as a share of the scale.
 #[derive(Clone, Copy, PartialEq)]
@@ -320,11 +330,7 @@ impl SensorMap {
 
     /// Returns the value at the end of the scale.
     fn top(&self) -> f64 {
-        let mut values: Vec<f64> =
-            self.cells.iter().filter_map(|cell| cell.1).filter(|value| value.is_finite()).collect();
-        values.sort_by(f64::total_cmp);
-        let last = (values.len() as f64 * WITHIN_SCALE).ceil() as usize;
-        round_up(values.get(last.saturating_sub(1)).copied().unwrap_or(0.0))
+        round_up(usual_largest(self.cells.iter().filter_map(|cell| cell.1)))
     }
 
     /// Returns the cells in one of [`SHADES`] colours; neighbours of one colour in a row are one area.
@@ -357,7 +363,7 @@ impl SensorMap {
                 @let place = |segment: &&[[f64; 2]; 2]| (segment[0][1] - middle).abs() - 0.1 * segment[0][0];
                 @if let Some([[x, y], _]) = segments.iter().min_by(|a, b| place(a).total_cmp(&place(b))) {
                     path.contour d=(path) {}
-                    text.contour x=(x) y=(round(y + 0.35 * TEXT)) text-anchor="middle" { (label(&level)) }
+                    text.contour x=(x.clamp(NUMBER, ROOM - NUMBER)) y=(round(y + 0.35 * TEXT)) text-anchor="middle" { (label(&level)) }
                 }
             }
         }

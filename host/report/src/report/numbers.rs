@@ -19,35 +19,8 @@ use evcal_solve::initial::model_choice::{ModelChoice, WIDELY_SUPPORTED};
 /// Returns the parameters with their standard deviations; the model comparison, the board, correlations and texts to copy are folded.
 pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
     let camera = calibrated.camera();
-    let uncertainty = &calibrated.quality.uncertainty;
-    let sigma = uncertainty.sigma();
     let initial = calibrated.initial().camera.parameters();
-    let values = camera.parameters();
-    let rows = camera.kind().parameter_names().iter().zip(&values).enumerate();
-    let table = html! {
-        table.short {
-            thead { tr {
-                th scope="col" { "parameter" }
-                th.number scope="col" { "value" }
-                th.number scope="col" { "± σ" }
-                th.number scope="col" { "initial" }
-                th scope="col" { "meaning" }
-            } }
-            tbody {
-                @for (index, (name, &value)) in rows {
-                    @let (value, sigma) = with_sigma(value, sigma.get(index).copied().unwrap_or(0.0));
-                    @let decimals = value.split_once('.').map_or(0, |(_, decimals)| decimals.len());
-                    tr {
-                        th scope="row" { code { (name) } }
-                        td.number { (value) }
-                        td.number { (sigma) }
-                        td.number { @if let Some(&initial) = initial.get(index) { (signed(initial, decimals)) } }
-                        td.words { (meaning(name)) }
-                    }
-                }
-            }
-        }
-    };
+    let table = parameters(camera, &calibrated.quality.uncertainty.sigma(), Some(&initial));
     let content = html! {
         p {
             "Camera model " code { (camera.kind().name()) } ". " (view(camera, calibrated.sensor)) "Pixel (0, 0) is the centre of the top-left pixel, as in OpenCV "
@@ -72,6 +45,38 @@ pub fn section(calibrated: &Calibrated, board: &Board) -> Option<Section> {
         (to_copy::forms(calibrated, board))
     };
     Some(Section { id: "numbers", title: "Lens parameters", folded: false, content })
+}
+
+/// Returns a table of the parameters of a lens with their standard deviations, and with their `initial` values if there are any.
+pub fn parameters(camera: &Camera<f64>, sigma: &[f64], initial: Option<&[f64]>) -> Markup {
+    let values = camera.parameters();
+    let rows = camera.kind().parameter_names().iter().zip(&values).enumerate();
+    html! {
+        table.short {
+            thead { tr {
+                th scope="col" { "parameter" }
+                th.number scope="col" { "value" }
+                th.number scope="col" { "± σ" }
+                @if initial.is_some() { th.number scope="col" { "initial" } }
+                th scope="col" { "meaning" }
+            } }
+            tbody {
+                @for (index, (name, &value)) in rows {
+                    @let (value, sigma) = with_sigma(value, sigma.get(index).copied().unwrap_or(0.0));
+                    @let decimals = value.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+                    tr {
+                        th scope="row" { code { (name) } }
+                        td.number { (value) }
+                        td.number { (sigma) }
+                        @if let Some(initial) = initial {
+                            td.number { @if let Some(&initial) = initial.get(index) { (signed(initial, decimals)) } }
+                        }
+                        td.words { (meaning(name)) }
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Returns the shape of the board that was used, next to the shape if all its parameters are estimated.

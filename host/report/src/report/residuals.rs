@@ -3,7 +3,7 @@
 use evcal_geometry::board::Board;
 use maud::{Markup, html};
 
-use super::chart::{Chart, Color, SensorMap, Series, round_down};
+use super::chart::{Chart, Color, SensorMap, Series, round_down, usual_largest};
 use super::number::{count, signed, with_sigma};
 use super::page::{Section, scrolling};
 use super::palette::Palette;
@@ -76,7 +76,8 @@ pub fn displacement_map(calibrated: &Calibrated) -> Markup {
         return html! {};
     }
     let longest = shifts.iter().map(|(_, displacement)| displacement.shift.norm()).fold(0.0, f64::max);
-    let enlarged = round_down(0.9 * map.cell[0].min(map.cell[1]) / longest.max(1e-9));
+    let usual = usual_largest(shifts.iter().map(|(_, displacement)| displacement.shift.norm()));
+    let enlarged = round_down(0.9 * map.cell[0].min(map.cell[1]) / usual.max(1e-9));
     let arrows = shifts.iter().map(|([left, top, right, bottom], displacement)| {
         let along = displacement.shift * enlarged;
         ([0.5 * (left + right) - 0.5 * along.x, 0.5 * (top + bottom) - 0.5 * along.y], along.into())

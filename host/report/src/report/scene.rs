@@ -107,7 +107,8 @@ mod tests {
     /// The pyramid of a pinhole camera has the shape of its image.
     #[test]
     fn a_pyramid_has_the_shape_of_the_image() {
-        let camera = Camera::new(ModelKind::Radtan4, &[100.0, 100.0, 99.5, 49.5, 0.0, 0.0, 0.0, 0.0]).unwrap();
+        let camera =
+            Camera::from_parameters(ModelKind::Radtan4, &[100.0, 100.0, 99.5, 49.5, 0.0, 0.0, 0.0, 0.0]).unwrap();
         let base = sight(&camera, Sensor::new(200, 100), 0.1);
         assert_eq!(base.len(), 4);
         let expected = Point3::new(-0.0995, -0.0495, 0.1);

@@ -1,11 +1,14 @@
 //! Other cameras on the mount: their poses, and the residuals of their events along the trajectory of the first camera.
 
 use maud::{Markup, html};
+use nalgebra::Isometry3;
 
 use super::chart::{Chart, Color, Series, range_of};
 use super::mount_axes::drawing;
+use super::numbers::parameters;
 use super::overview::capital;
-use super::page::Section;
+use super::page::{Section, scrolling};
+use super::to_copy::python;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::calibrate::mounted::SecondCamera;
 use evcal_calibrate::result::second_camera_result::SecondCameraResult;
@@ -26,9 +29,15 @@ fn one(second: &SecondCamera) -> Markup {
     let sentences = SecondCameraResult::new(second).sentences();
     let mut lines = sentences.lines();
     let seen = if second.frames.is_some() { Seen::CIRCLES } else { Seen::EVENTS };
+    let result = &second.calibration.mount.second_first;
     html! {
         p { (capital(lines.next().unwrap_or_default().trim())) }
         ul { @for sentence in lines { li { (capital(sentence.trim())) } } }
+        @if let Ok(camera) = second.camera.camera() {
+            @let sigma: Vec<f64> = camera.kind().parameter_names().iter().map(|name| second.sigma.parameters.get(name).unwrap_or(0.0)).collect();
+            (scrolling("Lens of the second camera", &parameters(&camera, &sigma, None)))
+            details.screen { summary { "To copy: OpenCV, in Python" } pre { (python(&camera)) (transform(result)) } }
+        }
         div.pair {
             figure {
                 (drawing("second camera", ["first", "second"], &second.calibration.mount.second_first))
@@ -45,6 +54,19 @@ fn one(second: &SecondCamera) -> Markup {
             }
         }
     }
+}
+
+/// Returns `T_second_first` as a NumPy array.
+fn transform(second_first: &Isometry3<f64>) -> String {
+    let rows = second_first.to_homogeneous();
+    let rows = rows.row_iter().map(|row| {
+        let row: Vec<String> = row.iter().map(|value| format!("{value:.9}")).collect();
+        format!("[{}]", row.join(", "))
+    });
+    format!(
+        "# coordinates of the second camera from those of the first, in metres\nT_second_first = np.array([{}])\n",
+        rows.collect::<Vec<_>>().join(",\n    ")
+    )
 }
 
 /// Names of the observations of a second camera.

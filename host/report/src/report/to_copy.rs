@@ -30,7 +30,7 @@ pub fn forms(calibrated: &Calibrated, board: &Board) -> Markup {
 }
 
 /// Returns K and D as NumPy arrays.
-fn python(camera: &Camera<f64>) -> String {
+pub fn python(camera: &Camera<f64>) -> String {
     let parameters = camera.parameters();
     let Some(([fx, fy, cx, cy], distortion)) = parameters.split_first_chunk() else { return String::new() };
     let (module, distortion) = match (camera.kind(), distortion) {

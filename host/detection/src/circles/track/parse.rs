@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use evcal_core::pattern::Pattern;
+use evcal_core::sensor::Sensor;
 use nalgebra::Vector2;
 
-use super::{CircleFrames, CircleLineError, CircleTrack, CircleTrackErrorKind, describe};
+use super::{CircleFrames, CircleLineError, CircleTrack, CircleTrackErrorKind, TrackSource, describe};
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame, SeenIn, UnorderedCircle, UnorderedFrame};
 
 /// Time between successive circles (s) from which they belong to different frames.
@@ -123,18 +124,27 @@ struct Columns {
     origin: f64,
 }
 
+/// Returns the sensor in a text such as `346 x 260`.
+fn size(text: &str) -> Option<Sensor> {
+    let (width, height) = text.split_once('x')?;
+    let side = |text: &str| text.trim().parse().ok().filter(|side| *side > 0);
+    Some(Sensor::new(side(width)?, side(height)?))
+}
+
 /// Parses the bytes of a circle track; see [`super::read`].
 pub fn parse(bytes: &[u8], pattern: &Pattern, recording: usize) -> Result<CircleTrack, CircleTrackErrorKind> {
     let text = String::from_utf8_lossy(bytes);
     let text = if has_corners(&text) { of_corners(&text, pattern).into() } else { text };
     let mut notes = Vec::new();
     let mut columns: Option<Columns> = None;
-    let mut origin_us = None;
+    let (mut origin_us, mut sensor) = (None, None);
     let mut rows: Vec<Row> = Vec::new();
     for (index, line) in text.split_inclusive('\n').enumerate() {
         let number = index as u64 + 1;
         if is_comment(line) {
-            origin_us = origin_us.or_else(|| line.trim().strip_prefix("# time_origin_us ")?.trim().parse::<i64>().ok());
+            let stated = |name: &str| line.trim().strip_prefix(name).map(str::trim);
+            origin_us = origin_us.or_else(|| stated("# time_origin_us ")?.parse::<i64>().ok());
+            sensor = sensor.or_else(|| size(stated("# sensor ")?));
             continue;
         }
         let Some(columns) = &mut columns else {
@@ -163,7 +173,7 @@ pub fn parse(bytes: &[u8], pattern: &Pattern, recording: usize) -> Result<Circle
     check_places(&rows, pattern)?;
     let frames = group(rows, &mut notes)?;
     let frames = arrange(frames, pattern, recording);
-    Ok(CircleTrack { frames, time_origin_us, circles, notes })
+    Ok(CircleTrack { frames, source: TrackSource { sensor, time_origin_us }, circles, notes })
 }
 
 impl Columns {

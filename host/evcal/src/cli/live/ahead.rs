@@ -116,7 +116,7 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
                 arguments,
                 settings,
                 folder,
-                waiting.unwrap_or_else(|| Waiting::new(arguments.json)),
+                waiting.unwrap_or_else(|| Waiting::of_stages(arguments.json)),
             ),
         }
     }

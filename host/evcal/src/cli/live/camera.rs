@@ -63,7 +63,7 @@ pub fn run(
             let session = Session { arguments, settings, board: &board, interrupt, window: window.as_ref() };
             let recorded = session.record(camera, &before, &path, &shared.growth, memory.take())?;
             let listener = window.as_ref().map(|window| window.step_listener(recorded.sensor, &recorded.seen));
-            let waiting = Waiting::new(calibration.json).and(listener);
+            let waiting = Waiting::of_stages(calibration.json).and(listener);
             let calibrated = ahead.finish(&recordings, calibration, settings, folder, waiting);
             Ok::<_, Box<dyn Error>>((recorded, calibrated))
         });

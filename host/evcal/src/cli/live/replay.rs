@@ -107,7 +107,7 @@ pub fn run(
         &arguments.calibration,
         settings,
         folder,
-        Waiting::new(json).and(window.as_ref().map(|window| window.step_listener(sensor, seen))),
+        Waiting::of_stages(json).and(window.as_ref().map(|window| window.step_listener(sensor, seen))),
     );
     if let Some(window) = window {
         window.finish(sensor, seen, folder, &calibrated, false);
