@@ -199,7 +199,7 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
     let Solved { estimate, covariance, inflation, used, misfit, rms, .. } = solved;
     let cameras = [estimate.first.camera, estimate.second.camera];
     let moved = [0, 1].map(|index| {
-        let (before, sigma) = before[index];
+        let (before, sigma) = (before[index].0, &with_scale(before[index], before[1 - index]));
         let solved = || FixedIntrinsics { camera: cameras[index], covariance: None }.distance(before, sigma);
         known.lenses[index].map_or_else(solved, |lens| lens.distance(before, sigma))
     });
@@ -222,6 +222,19 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
     };
     calibration.findings = findings(&calibration);
     calibration
+}
+
+/// Number of focal lengths among the first parameters of a camera.
+const FOCAL_LENGTHS: usize = 2;
+
+/// Returns σ of the parameters of a camera. That of its focal lengths contains the relative error of the `other` camera's, because both
+/// see the board at distances along one trajectory, whose scale the solve of both may change by as much.
+fn with_scale((camera, sigma): (&Camera<f64>, &[f64]), other: (&Camera<f64>, &[f64])) -> Vec<f64> {
+    let of_other = other.1.first().copied().unwrap_or(0.0) / other.0.parameters().first().copied().unwrap_or(1.0);
+    let mut sigma = sigma.to_vec();
+    let free = sigma.iter_mut().zip(&camera.parameters()).take(FOCAL_LENGTHS).filter(|(sigma, _)| **sigma > 0.0);
+    free.for_each(|(sigma, focal)| *sigma = sigma.hypot(focal * of_other));
+    sigma
 }
 
 /// Returns `calibration` if its rotation is determined. With a larger σ the equations are no longer linear, and all results are

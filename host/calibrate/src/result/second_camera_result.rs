@@ -221,8 +221,8 @@ impl SecondCameraResult {
     /// Returns the result as text: each number with its σ, each transform and offset with its direction.
     pub fn sentences(&self) -> String {
         let what = match self.frames {
-            Some(frames) => format!("{} circles in {} frames", self.used, frames.used),
-            None if self.from_identity.is_some() => format!("{} dots", self.used),
+            Some(frames) => format!("{} points in {} frames", self.used, frames.used),
+            None if self.from_identity.is_some() => format!("{} points", self.used),
             None => format!("{} events", self.used),
         };
         let mut text = format!(

@@ -28,7 +28,7 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
 fn one(second: &SecondCamera) -> Markup {
     let sentences = SecondCameraResult::new(second).sentences();
     let mut lines = sentences.lines();
-    let seen = if second.frames.is_some() { Seen::CIRCLES } else { Seen::EVENTS };
+    let seen = if second.frames.is_some() { Seen::POINTS } else { Seen::EVENTS };
     let result = &second.calibration.mount.second_first;
     html! {
         p { (capital(lines.next().unwrap_or_default().trim())) }
@@ -82,10 +82,10 @@ impl Seen {
         distance: "Distance of the second camera's events from the edges predicted by the trajectory of the first camera",
         unit: "rms (σ of an event)",
     };
-    const CIRCLES: Self = Self {
-        name: "circles",
-        distance: "Distance of the circles in the second camera's frames from their positions predicted by the trajectory of the first camera",
-        unit: "rms (σ of a circle)",
+    const POINTS: Self = Self {
+        name: "points",
+        distance: "Distance of the points in the second camera's frames from their positions predicted by the trajectory of the first camera",
+        unit: "rms (σ of a point)",
     };
 }
 
