@@ -231,9 +231,10 @@ const FOCAL_LENGTHS: usize = 2;
 /// see the board at distances along one trajectory, whose scale the solve of both may change by as much.
 fn with_scale((camera, sigma): (&Camera<f64>, &[f64]), other: (&Camera<f64>, &[f64])) -> Vec<f64> {
     let of_other = other.1.first().copied().unwrap_or(0.0) / other.0.parameters().first().copied().unwrap_or(1.0);
-    let mut sigma = sigma.to_vec();
-    let free = sigma.iter_mut().zip(&camera.parameters()).take(FOCAL_LENGTHS).filter(|(sigma, _)| **sigma > 0.0);
-    free.for_each(|(sigma, focal)| *sigma = sigma.hypot(focal * of_other));
+    let (mut sigma, parameters) = (sigma.to_vec(), camera.parameters());
+    for (sigma, focal) in sigma.iter_mut().zip(&parameters).take(FOCAL_LENGTHS).filter(|(sigma, _)| **sigma > 0.0) {
+        *sigma = sigma.hypot(focal * of_other);
+    }
     sigma
 }
 

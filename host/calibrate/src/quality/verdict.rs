@@ -12,6 +12,7 @@ use evcal_core::camera::Camera;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
+use self::board_statement::with_sigma;
 use self::findings::findings_on;
 pub use self::settings::{SMALLEST_COVERAGE, VerdictSettings};
 use crate::advice::{Advice, Wording};
@@ -306,7 +307,7 @@ fn sort(findings: &mut [Finding]) {
 
 fn sentence(grade: Grade, camera: &Camera<f64>, quality: &Quality, findings: &[Finding]) -> String {
     let focal = focal_length(camera, quality)
-        .map_or_else(String::new, |(what, value, sigma)| format!(", {what} {value:.2} ± {sigma:.2} px"));
+        .map_or_else(String::new, |(what, value, sigma)| format!(", {what} {} px", with_sigma(value, sigma)));
     let known = format!(
         "expected projection error below {:.3} px over the sensor (95 % confidence){focal}",
         quality.projection.rms_95

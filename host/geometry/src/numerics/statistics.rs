@@ -6,6 +6,11 @@ use std::fmt;
 /// Ratio of the standard deviation of a normal distribution to the median of its absolute values.
 pub const SIGMA_BY_MEDIAN: f64 = 1.4826;
 
+/// Returns the number of decimals at which a standard deviation has two digits; 3 if it is 0.
+pub fn decimals(sigma: f64) -> usize {
+    if sigma > 0.0 { (1.0 - sigma.log10().floor()).clamp(0.0, 9.0) as usize } else { 3 }
+}
+
 /// Statistics of a set of non-negative errors, all in the unit of the errors.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Statistics {

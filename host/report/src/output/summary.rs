@@ -8,6 +8,7 @@ use evcal_core::camera::ModelKind;
 use evcal_calibrate::quality::verdict::Severity;
 use evcal_calibrate::result::calibration_file::{CalibrationFile, FramesResult};
 use evcal_calibrate::result::second_camera_result::SecondCameraResult;
+use evcal_geometry::numerics::statistics::decimals;
 use event_recordings::pass::RecordingReport;
 
 /// A calibration in words, for a terminal.
@@ -46,7 +47,8 @@ fn result(calibration: &CalibrationFile, distances: Option<&RangeInclusive<f64>>
     let (camera, sensor) = (&calibration.camera, calibration.sensor);
     let of = |name: &&str| {
         let (value, sigma) = (camera.parameters.get(name)?, calibration.sigma.parameters.get(name)?);
-        Some(format!("{name} {value:.2} ± {sigma:.2}"))
+        let decimals = decimals(sigma);
+        Some(format!("{name} {value:.decimals$} ± {sigma:.decimals$}"))
     };
     let shown: Vec<String> = parameter_names(&camera.model).iter().take(4).filter_map(of).collect();
     let mut text = format!("camera {}, {} x {}: {} px", camera.model, sensor.width, sensor.height, shown.join(", "));

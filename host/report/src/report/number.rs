@@ -1,12 +1,14 @@
 //! Formats of numbers.
 
-/// Formats a value and its standard deviation σ, both with as many decimals as the two leading digits of σ need; a σ of
+use evcal_geometry::numerics::statistics::decimals;
+
+/// Formats a value and its standard deviation σ, both with the two leading digits of σ; a σ of
 /// 0 is "fixed".
 pub fn with_sigma(value: f64, sigma: f64) -> (String, String) {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return (signed(value, 5), "fixed".to_owned());
     }
-    let decimals = (1.0 - sigma.log10().floor()).clamp(0.0, 9.0) as usize;
+    let decimals = decimals(sigma);
     (signed(value, decimals), format!("{sigma:.decimals$}"))
 }
 

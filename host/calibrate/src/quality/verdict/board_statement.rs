@@ -5,6 +5,7 @@ use evcal_core::camera::Camera;
 use super::{Cause, Finding, Severity};
 use crate::quality::board_evidence::BoardEstimate;
 use evcal_geometry::board::Board;
+use evcal_geometry::numerics::statistics::decimals;
 
 /// Returns a finding with the differences from the nominal `board` and their effect on the focal length of `camera`;
 /// `None` without differences.
@@ -67,7 +68,7 @@ fn effect(stated: &Camera<f64>, camera: &Camera<f64>) -> Option<String> {
 
 /// Formats a value and its standard deviation, with two digits of the latter.
 pub(crate) fn with_sigma(value: f64, sigma: f64) -> String {
-    let decimals = if sigma > 0.0 { (1.0 - libm::floor(libm::log10(sigma))).clamp(0.0, 6.0) as usize } else { 3 };
+    let decimals = decimals(sigma);
     format!("{value:.decimals$} ± {sigma:.decimals$}")
 }
 
