@@ -259,7 +259,8 @@ impl EventReader {
             Ok(more) => self.is_decoded = !more,
             Err(error) => {
                 self.is_decoded = true;
-                self.pending = Some(error);
+                self.pending =
+                    Some(if self.decoded == 0 && self.batch.is_empty() { error.of_the_start() } else { error });
             }
         }
     }
