@@ -279,10 +279,10 @@ fn visit(
     let mut first: Option<Moment> = None;
     read_windows(recording, starts, WINDOW, |events| {
         let Some(events) = events else {
-            reconstruction.finish(|moment| _ = first.get_or_insert(moment));
+            reconstruction.finish(|block| first = first.take().or(block.into_iter().next()));
             return first.take().map_or(ControlFlow::Continue(()), &mut each);
         };
-        reconstruction.push(events, |moment| _ = first.get_or_insert(moment));
+        reconstruction.push(events, |block| first = first.take().or(block.into_iter().next()));
         ControlFlow::Continue(())
     })
 }
