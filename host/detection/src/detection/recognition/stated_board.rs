@@ -133,7 +133,8 @@ impl<'a> ComparedPictures<'a> {
             Some(tags) => {
                 tags.add(&pictures);
                 // Contradictions need all pictures, because they may show only parts of the board.
-                self.clear = Some(tags.compare()).filter(|it| matches!(it, Comparison::Same { .. }));
+                let comparison = Some(tags.compare()).filter(|it| matches!(it, Comparison::Same { .. }));
+                self.clear = comparison.filter(|_| tags.exclude_variants());
             }
             None => self.found += usize::from(self.finder.find(&pictures, None).is_ok()),
         }
