@@ -12,7 +12,7 @@ use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::calibration_file::CalibrationFile;
 use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts, worst_grade};
 use evcal_calibrate::settings::Settings;
-use evcal_calibrate::task::board_choice::{BoardChoiceError, choose_board};
+use evcal_calibrate::task::board_choice::{BoardChoiceError, ConfirmedBoard, choose_board, confirm_board};
 use evcal_calibrate::task::input::Input;
 use evcal_calibrate::task::step::Step;
 use evcal_calibrate::task::{PictureUse, Task};
@@ -314,8 +314,21 @@ fn inputs_and_board(
     pictures: PictureUse,
     settings: &Settings,
 ) -> PyResult<(Vec<Input>, Board)> {
-    if let BoardRequest::Given(board) = request {
-        return Ok((inputs_of(given, options, board, pictures)?, *board));
+    if let BoardRequest::Given(stated) = request {
+        let inputs = inputs_of(given, options, stated, pictures)?;
+        let recordings = inputs.iter().filter_map(|input| match input {
+            Input::Events(recording) => Some(recording),
+            Input::Images(_) | Input::Circles { .. } => None,
+        });
+        let recordings: Vec<&Recording> = recordings.collect();
+        let confirmed = given.py().detach(|| confirm_board(stated, &recordings, &settings.detection));
+        let ConfirmedBoard { board, note } = confirmed.map_err(failed)?;
+        if let Some(note) = note {
+            warn(given.py(), &note)?;
+        }
+        // Files of circles depend on the board.
+        let inputs = if board == *stated { inputs } else { inputs_of(given, options, &board, pictures)? };
+        return Ok((inputs, board));
     }
     // No board is known yet, so the inputs are opened with an arbitrary one. Recordings of events do not depend on it.
     // Files of circles do, but no board can be recognised in them anyway.

@@ -4,7 +4,7 @@ use evcal_calibrate::calibrate::repeat::RepeatSettings;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::same_camera::compare_cameras;
 use evcal_calibrate::settings::Settings;
-use evcal_calibrate::task::board_choice::choose_board;
+use evcal_calibrate::task::board_choice::{BoardChoiceError, ConfirmedBoard, choose_board, confirm_board};
 use evcal_calibrate::task::{PictureUse, Task};
 use evcal_geometry::board::Board;
 use evcal_geometry::board::request::{BoardRequest, PrintSize};
@@ -19,7 +19,7 @@ use crate::calibration::{Calibration, board_request, model_request, settings_of}
 use crate::camera::Camera;
 use crate::interrupt::interruptible;
 use crate::recording::{ReadOptions, as_path, recording_of};
-use crate::{failed, to_python};
+use crate::{failed, to_python, warn};
 
 /// Returns the given board, or recognises it in a recording.
 fn board_in(request: &BoardRequest, recording: &Recording, settings: &Settings) -> PyResult<Board> {
@@ -49,14 +49,26 @@ pub fn check<'py>(
     let recording = recording_of(events, &ReadOptions { sensor, columns, time_unit, stream })?;
     let settings = settings_of(settings)?;
     let request = board.map(board_request).transpose()?;
-    let checked = interruptible(py, |_| {
-        let board = match &request {
+    let (checked, note) = interruptible(py, |_| {
+        let confirmed = match &request {
             // Without lengths the board is recognised in the check, and its advice names the lengths to measure.
             None | Some(BoardRequest::Recognise(PrintSize::Unknown)) => None,
-            Some(request) => Some(board_in(request, &recording, &settings)?),
+            Some(request) => {
+                let board = board_in(request, &recording, &settings)?;
+                match confirm_board(&board, &[&recording], &settings.detection) {
+                    // The result of the check describes another board.
+                    Err(BoardChoiceError::Other { .. }) => Some(ConfirmedBoard { board, note: None }),
+                    confirmed => Some(confirmed.map_err(failed)?),
+                }
+            }
         };
-        evcal_calibrate::check::check(&recording, board.as_ref(), &settings.detection, &settings.frames).map_err(failed)
+        let board = confirmed.as_ref().map(|confirmed| &confirmed.board);
+        let checked = evcal_calibrate::check::check(&recording, board, &settings.detection, &settings.frames);
+        Ok::<_, PyErr>((checked.map_err(failed)?, confirmed.and_then(|confirmed| confirmed.note)))
     })??;
+    if let Some(note) = note {
+        warn(py, &note)?;
+    }
     let result = to_python(py, serde_json::to_string(&checked))?;
     result.set_item("next", worded(&checked.next))?;
     result.set_item("ready", checked.is_ready())?;

@@ -232,6 +232,13 @@ def test_a_recording_is_checked(events):
     assert 'for example board="acircles:9x4:' in recognised["next"]
 
 
+def test_the_stated_board_is_compared_with_the_recording():
+    board = "charuco:4x5:55mm:41mm:DICT_4X4_50"
+    events, truth = evcal.simulate(board=board, duration=3.0, seed=706)
+    with pytest.warns(UserWarning, match=f"calibrated with {board}$"):
+        evcal.check(events, board=f"{board}:legacy", sensor=truth.sensor)
+
+
 def test_parts_of_a_recording_are_compared(events):
     result = evcal.repeat(events, board=BOARD, sensor=(346, 260), runs=2, seconds=2.0)
     assert len(result["runs"]) == 2 and result["parameters"][0]["name"] == "fx" and result["projection"] > 0

@@ -29,12 +29,12 @@ use evcal_detection::detection::still_views::{FEWEST_VIEWS, LEAST_TIME, StillVie
 use evcal_detection::detection::{DetectionReport, LARGEST_SENSOR, NoPattern, NoPatternCause};
 use evcal_detection::diagnosis::bad_pixels::BadPixels;
 use evcal_detection::diagnosis::double_edges::DoubleEdges;
-use evcal_detection::diagnosis::information::{Information, gather_events};
+use evcal_detection::diagnosis::information::{Information, gather_while};
 use evcal_detection::diagnosis::lost_events::LostEvents;
 use evcal_geometry::board::{Board, layout_name};
 use evcal_solve::solve::event_sample::Thinning;
 use event_recordings::given_sensor::counted_from_one;
-use event_recordings::pass::{read_recording, read_while};
+use event_recordings::pass::read_recording;
 use event_recordings::{Recording, RecordingError, RecordingOptions};
 
 /// Approximate number of events in which the board is searched. Of longer recordings, only parts spread evenly over the
@@ -155,31 +155,49 @@ pub fn check(
     settings: &DetectionSettings,
     pictures: &PictureSettings,
 ) -> Result<Checked, RecordingError> {
-    let (mut count, mut end, mut end_of_beginning) = (0, 0, None);
-    let pass = read_while(recording, &mut |batch| {
-        count += batch.events.len() as u64;
-        end = batch.events.last().map_or(end, |event| event.t);
+    // Few events are kept, because a file that hardly contains any may take long to read.
+    let (mut count, mut last, mut end_of_beginning, mut kept) = (0, 0, None, Vec::new());
+    recording.source_files().check()?;
+    let mut information = gather_while(recording, &mut |events| {
+        count += events.len() as u64;
+        last = events.last().map_or(last, |event| event.t);
+        if count > MOST_EVENTS {
+            kept = Vec::new();
+        } else {
+            kept.extend_from_slice(events);
+        }
         if count >= MOST_EVENTS {
-            end_of_beginning.get_or_insert(end);
+            end_of_beginning.get_or_insert(last);
         }
         if count < MOST_READ { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     })?;
+    recording.source_files().check()?;
+    if let Some(error) = information.error.take_if(|error| count == 0 || error.kind.is_repetition()) {
+        return Err(error);
+    }
+    let first = information.times_us.map_or(0, |(first, _)| first);
+    let end = last.saturating_sub(first);
     let whole = count < MOST_READ;
-    let until = |end: i64| recording.section(pass.first..pass.first.saturating_add(end).saturating_add(1));
-    let read = if whole { recording.clone() } else { until(end) };
-    let beginning = until(end_of_beginning.unwrap_or(end));
-    let information = gather_events(&read)?;
-    let parts = (count > MOST_EVENTS).then(|| even_parts(&read, pass.first, [end, count as i64], &information));
-    let searched = parts.transpose()?.unwrap_or_else(|| beginning.clone());
-    let mut other = unusual_unit(recording, information.mean_rate);
+    let until = |last: i64| recording.section(first..last.saturating_add(1));
+    let beginning = until(end_of_beginning.unwrap_or(last));
+    let read = match whole {
+        true if count <= MOST_EVENTS => in_memory(recording, kept, &information),
+        true => recording.clone(),
+        false => until(last),
+    };
+    let parts = (count > MOST_EVENTS).then(|| even_parts(&read, first, [end, count as i64], &information));
+    let searched = parts.transpose()?.unwrap_or_else(|| read.clone());
     let outside = information.report.out_of_range;
+    // The rate of a few events that are inside the sensor says nothing about the unit.
+    let unit = |found: OtherUnit| (outside <= count).then_some(found);
+    let mut other = unusual_unit(recording, information.mean_rate).and_then(unit);
     let counted_from_one =
         if outside > 0 || information.sensor.is_none() { counted_from_one(&beginning) } else { None };
     let mut pixels = BadPixels::default();
     let (mut double_edges, mut lost_events) = (None, None);
     let seen = match information.sensor.or(information.likely_sensor) {
-        // With timestamps in another unit nothing can be found.
-        _ if other.is_some() => None,
+        // With timestamps in another unit nothing can be found, and without events there is nothing.
+        _ if other.is_some() || count == 0 => None,
         Some(sensor) if sensor.width <= LARGEST_SENSOR.width && sensor.height <= LARGEST_SENSOR.height => {
             let (bursts, slots) = follow_bursts(&searched, sensor)?;
             pixels = BadPixels::of_counts(&bursts.counts(), usize::from(sensor.width), bursts.repeated());
@@ -203,7 +221,7 @@ pub fn check(
         // Squares that stay dark have no events.
         (pixels.rounded, pixels.silent, lost_events) = (None, None, None);
     } else if seen.as_ref().is_some_and(|seen| seen.found == 0) {
-        other = other_unit(&beginning, information.mean_rate);
+        other = other_unit(&beginning, information.mean_rate).and_then(unit);
     }
     let mut checked = Checked {
         information,
@@ -246,9 +264,13 @@ fn even_parts(
         let inside = batch.iter().filter(|event| is_in_a_part(event.t)).take(room);
         events.extend(inside.map(|event| Event { t: event.t + first, ..*event }));
     })?;
+    Ok(in_memory(recording, events, information))
+}
+
+/// Returns a recording of these `events` of `recording`.
+fn in_memory(recording: &Recording, events: Vec<Event>, information: &Information) -> Recording {
     let sensor = information.sensor.or(information.likely_sensor);
-    let options = RecordingOptions { sensor, ..RecordingOptions::default() };
-    Ok(Recording::from_events(recording.path(), events, options))
+    Recording::from_events(recording.path(), events, RecordingOptions { sensor, ..RecordingOptions::default() })
 }
 
 /// A recording that is searched for the board.
@@ -506,7 +528,7 @@ mod tests {
         let event = |t: i64| Event { t: 500 + t, x: 1, y: 2, polarity: Polarity::On };
         let events = (0..6_000_000).map(|index| event(5 * index)).collect();
         let recording = Recording::from_events("events", events, RecordingOptions::default());
-        let information = gather_events(&recording).unwrap();
+        let information = gather_while(&recording, &mut |_| ControlFlow::Continue(())).unwrap();
         let parts = even_parts(&recording, 500, [5 * 5_999_999, 6_000_000], &information).unwrap();
         let mut seen = Vec::new();
         read_recording(&parts, &mut |events| seen.extend(events.iter().map(|event| event.t))).unwrap();

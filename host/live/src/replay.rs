@@ -15,6 +15,8 @@ use event_recordings::{EventReader, Recording, RecordingError};
 
 /// Length of the pieces in which events are passed on (µs of the sensor).
 const PIECE: i64 = 10_000;
+/// Largest number of events of a piece: 6.5 million per second. Files may contain very many events of one time.
+const LARGEST_PIECE: usize = 1 << 16;
 /// Largest number of batches that are read ahead.
 const BATCHES_AHEAD: usize = 4;
 /// Largest number of pieces that wait for the detector.
@@ -85,7 +87,8 @@ pub fn replay(
             };
             let start = *start.get_or_insert_with(|| batch.first().map_or(0, |event| event.t));
             batch.iter_mut().for_each(|event| event.t -= start);
-            for piece in batch.chunk_by(|a, b| a.t.div_euclid(PIECE) == b.t.div_euclid(PIECE)) {
+            let pieces = batch.chunk_by(|a, b| a.t.div_euclid(PIECE) == b.t.div_euclid(PIECE));
+            for piece in pieces.flat_map(|piece| piece.chunks(LARGEST_PIECE)) {
                 last = piece.last().map_or(last, |event| event.t);
                 let mut is_due = false;
                 while !is_due {

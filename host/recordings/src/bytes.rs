@@ -196,6 +196,11 @@ impl ByteReader {
         Ok(())
     }
 
+    /// Creates an error about the whole file.
+    pub fn error(&self, kind: RecordingErrorKind) -> RecordingError {
+        RecordingError::new(&self.path, kind)
+    }
+
     /// Creates an error about the data at `byte`.
     pub fn damaged(&self, byte: u64, what: impl Into<String>) -> RecordingError {
         let kind = RecordingErrorKind::Damaged { byte, what: what.into(), usable: Usable::Before };

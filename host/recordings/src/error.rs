@@ -105,6 +105,14 @@ pub enum RecordingErrorKind {
         /// Fault of the event.
         what: String,
     },
+    /// All compressed parts of the file together are larger than those of files of its size can be.
+    #[error("unpacks to more than {most} bytes from {bytes}, which no recording does: its content is a repetition")]
+    TooLargeUnpacked {
+        /// Limit of their size in bytes.
+        most: u64,
+        /// Size of the file in bytes.
+        bytes: u64,
+    },
     /// The file has more events than files of its size can have: its content repeats itself.
     #[error("has more than {most} events in {bytes} bytes, which no recording has: its content is a repetition")]
     TooManyEvents {
@@ -270,6 +278,10 @@ pub enum Usable {
     Before,
     /// The part before the damage and, with [`Damage::Skip`](super::Damage::Skip), the part after it.
     Around,
+    /// The part after the damage, with [`Damage::Skip`](super::Damage::Skip).
+    After,
+    /// Nothing, because no event precedes the damage.
+    NoEvents,
 }
 
 impl fmt::Display for Usable {
@@ -280,11 +292,19 @@ impl fmt::Display for Usable {
             }
             Self::Before => "the events before it can be used",
             Self::Around => "the events before it can be used, and the events after it if damage is skipped",
+            Self::After => "no events are before it, but the events after it can be used if damage is skipped",
+            Self::NoEvents => "no events are before it",
         })
     }
 }
 
 impl RecordingErrorKind {
+    /// Returns `true` if the file contains more than files of its size can contain. Its events are of no use, and each further pass
+    /// takes as long as the first.
+    pub fn is_repetition(&self) -> bool {
+        matches!(self, Self::TooManyEvents { .. } | Self::TooLargeUnpacked { .. })
+    }
+
     /// Creates the error of a file of this size with too many events.
     pub(crate) fn too_many(bytes: u64) -> Self {
         Self::TooManyEvents { most: most_events(bytes), bytes }
@@ -294,6 +314,18 @@ impl RecordingErrorKind {
 impl RecordingError {
     pub(crate) fn new(path: &Path, kind: RecordingErrorKind) -> Self {
         Self { path: path.to_owned(), kind }
+    }
+
+    /// Returns the error as that of a recording without events before the damage.
+    pub(crate) fn of_the_start(mut self) -> Self {
+        if let RecordingErrorKind::Damaged { usable, .. } = &mut self.kind {
+            *usable = match *usable {
+                Usable::Around => Usable::After,
+                Usable::Before => Usable::NoEvents,
+                other => other,
+            };
+        }
+        self
     }
 
     /// Creates the error of a file that cannot be read.

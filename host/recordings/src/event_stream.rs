@@ -106,7 +106,9 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
         notes: Vec::new(),
     };
     let (rest, block) = (Vec::new(), Vec::new());
-    Ok(Box::new(Decoder { file, information, kind, height: sensor.height, t: 0, rest, block, measurements: 0 }))
+    // Rows count from below, and the header may state too few.
+    let height = options.sensor.map_or(sensor.height, |requested| requested.height.max(sensor.height));
+    Ok(Box::new(Decoder { file, information, kind, height, t: 0, rest, block, measurements: 0 }))
 }
 
 impl Decoder {
@@ -124,8 +126,8 @@ impl Decoder {
                     self.t = self.t.saturating_add(step);
                     rest = after;
                     let (x, y) = (u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
-                    // A row outside the sensor becomes one outside any sensor.
-                    let y = self.height.checked_sub(1).and_then(|last| last.checked_sub(y)).unwrap_or(u16::MAX);
+                    // A row outside the sensor stays outside.
+                    let y = self.height.checked_sub(1).and_then(|last| last.checked_sub(y)).unwrap_or(y);
                     match polarity {
                         Some(polarity) => batch.push(Event { t: self.t, x, y, polarity }),
                         None => self.measurements += 1,
@@ -212,6 +214,16 @@ mod tests {
         let outcome = testing::read(&file(1, &content));
         assert_eq!(outcome.events.len(), count);
         assert_eq!(outcome.events[count - 1], event(count as i64, (count - 1) as u16 % 251, 239, Polarity::On));
+    }
+
+    /// Rows of a file whose header states one pixel were "below 0 or beyond 32766", and could not be read with the true size either.
+    #[test]
+    fn a_sensor_that_is_stated_too_small_can_be_corrected() {
+        let content = [MAGIC, &[2, 0, 0, 1, 1, 0, 1, 0, 7, 63, 1, 239, 0]].concat();
+        let outcome = testing::read(&content);
+        assert_eq!((outcome.events.len(), outcome.report.out_of_range, outcome.report.no_pixel), (0, 1, 0));
+        let options = RecordingOptions { sensor: Some(Sensor::new(320, 240)), ..RecordingOptions::default() };
+        assert_eq!(testing::read_with(&content, options).events, [event(3, 319, 0, Polarity::On)]);
     }
 
     #[test]

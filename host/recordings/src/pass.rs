@@ -131,7 +131,7 @@ fn read_ahead(
             Ok(true) => {}
             Ok(false) => break None,
             // The events before the damage are kept.
-            Err(error) if count > 0 => break Some(error),
+            Err(error) if count > 0 && !error.kind.is_repetition() => break Some(error),
             Err(error) => {
                 recording.source_files().check()?;
                 return Err(error);

@@ -26,6 +26,9 @@ const MOST_STRAYS: usize = 8;
 const EVENTS_PER_STRAY: u64 = 100;
 /// Number of events at the beginning that are examined together to find strays among the first ones.
 const BEGINNING: usize = 64;
+/// Number of decoded events that are checked and handed on together. A packet of a few kilobytes can contain millions of
+/// events, of which every stage would keep several copies.
+const MOST_TOGETHER: usize = 1 << 18;
 /// Number of events of one polarity at the beginning of a file from which it may be sorted by polarity.
 const MANY_OF_A_POLARITY: u64 = 1000;
 /// Times beyond ±2⁵⁵ µs (1100 years) are rejected. With at most [`MAX_RESETS`] shifts of twice that, no returned time
@@ -84,8 +87,11 @@ pub struct EventReader {
     is_upright: bool,
     /// The polarity of all events so far; `None` if there are both.
     only: Option<Polarity>,
-    /// Buffer for the decoder's events.
+    /// The decoder's latest events, and how many of them were checked.
     batch: Vec<Event>,
+    checked: usize,
+    /// `true` once the decoder has returned its last events.
+    is_decoded: bool,
     /// Events that are too early: either strays or the first events after a clock reset.
     early: Vec<Event>,
     decoded: u64,
@@ -143,6 +149,8 @@ impl EventReader {
             is_upright: false,
             only: None,
             batch: Vec::new(),
+            checked: 0,
+            is_decoded: false,
             early: Vec::new(),
             decoded: 0,
             admitted: 0,
@@ -183,7 +191,7 @@ impl EventReader {
 
     /// Number of events that were read but not returned yet, because an earlier one might follow.
     pub fn waiting(&self) -> usize {
-        self.order.count()
+        self.order.count() + self.batch.len().saturating_sub(self.checked)
     }
 
     /// Counts and corrections of this pass so far; complete once [`Self::next_batch`] has returned `Ok(false)`.
@@ -215,24 +223,19 @@ impl EventReader {
                 self.cut(events);
                 continue;
             }
-            if let Some(error) = self.pending.take() {
-                return Err(error);
-            }
             if self.ended {
-                return Ok(false);
+                return self.pending.take().map_or(Ok(false), Err);
             }
-            let mut batch = std::mem::take(&mut self.batch);
-            batch.clear();
-            match self.decoder.decode(&mut batch, &mut self.report) {
-                Ok(more) => self.ended = !more,
-                Err(error) => {
-                    self.ended = true;
-                    self.pending = Some(error);
-                }
+            if self.checked >= self.batch.len() {
+                self.decode();
             }
+            let batch = std::mem::take(&mut self.batch);
+            let start = self.checked;
+            self.checked = (start + MOST_TOGETHER).min(batch.len());
+            self.ended = self.is_decoded && self.checked == batch.len();
             self.is_in_order = true;
             let mut admitted = self.order.buffer();
-            let checked = self.check(&batch, &mut admitted);
+            let checked = self.check(batch.get(start..self.checked).unwrap_or_default(), &mut admitted);
             self.batch = batch;
             let checked = checked.and_then(|()| match self.bytes {
                 Some(bytes) if self.decoded > most_events(bytes) => Err(RecordingErrorKind::too_many(bytes)),
@@ -246,6 +249,20 @@ impl EventReader {
             self.order.push(admitted, latest, self.is_in_order, &mut self.report);
         }
         Ok(true)
+    }
+
+    /// Decodes the next events of the file.
+    fn decode(&mut self) {
+        self.checked = 0;
+        self.batch.clear();
+        match self.decoder.decode(&mut self.batch, &mut self.report) {
+            Ok(more) => self.is_decoded = !more,
+            Err(error) => {
+                self.is_decoded = true;
+                self.pending =
+                    Some(if self.decoded == 0 && self.batch.is_empty() { error.of_the_start() } else { error });
+            }
+        }
     }
 
     /// Removes the events outside the requested span. After its end, nothing more is read.
@@ -433,8 +450,8 @@ mod tests {
 
     use super::*;
 
-    /// Decoder that returns the given events two at a time.
-    struct Given(Vec<Event>, RecordingInformation);
+    /// Decoder that returns so many of the given events at a time.
+    struct Given(Vec<Event>, RecordingInformation, usize);
 
     impl Decode for Given {
         fn information(&self) -> &RecordingInformation {
@@ -442,7 +459,7 @@ mod tests {
         }
 
         fn decode(&mut self, batch: &mut Vec<Event>, _: &mut ReadReport) -> Result<bool, RecordingError> {
-            let count = self.0.len().min(2);
+            let count = self.0.len().min(self.2);
             batch.extend(self.0.drain(..count));
             Ok(!self.0.is_empty())
         }
@@ -453,10 +470,14 @@ mod tests {
     }
 
     fn reader(events: Vec<Event>, own: Option<Sensor>, wanted: Option<Sensor>) -> EventReader {
+        reader_of(events, own, wanted, 2)
+    }
+
+    fn reader_of(events: Vec<Event>, own: Option<Sensor>, wanted: Option<Sensor>, together: usize) -> EventReader {
         let information =
             RecordingInformation { format: "given", sensor: own, camera_name: None, began: None, notes: Vec::new() };
         let options = RecordingOptions { sensor: wanted, ..RecordingOptions::default() };
-        EventReader::new(Path::new("given"), Box::new(Given(events, information)), &options).unwrap()
+        EventReader::new(Path::new("given"), Box::new(Given(events, information, together)), &options).unwrap()
     }
 
     fn at(t: i64) -> Event {
@@ -476,6 +497,21 @@ mod tests {
         };
         assert!(!reader.next_batch(&mut batch).unwrap(), "nothing follows the end or an error");
         (all, reader.report().clone(), error)
+    }
+
+    /// A packet with millions of events was handed on whole, and five of them waited for the caller.
+    #[test]
+    fn large_batches_of_a_decoder_are_handed_on_in_pieces() {
+        let truth: Vec<Event> = (0..5 * MOST_TOGETHER as i64 / 2).map(|index| at(index / 7)).collect();
+        for together in [1000, MOST_TOGETHER, MOST_TOGETHER + 1, truth.len()] {
+            let mut reader = reader_of(truth.clone(), None, None, together);
+            let (mut all, mut batch) = (Vec::new(), Vec::new());
+            while reader.next_batch(&mut batch).unwrap() {
+                assert!((1..=MOST_TOGETHER).contains(&batch.len()));
+                all.extend_from_slice(&batch);
+            }
+            assert!(all == truth && reader.waiting() == 0 && reader.report().events == truth.len() as u64);
+        }
     }
 
     #[test]
@@ -622,7 +658,7 @@ mod tests {
                 began: None,
                 notes: Vec::new(),
             };
-            let decoder = Box::new(Given(Vec::new(), information));
+            let decoder = Box::new(Given(Vec::new(), information, 2));
             assert!(EventReader::new(Path::new("given"), decoder, &RecordingOptions::default()).is_err());
         }
     }

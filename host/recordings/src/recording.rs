@@ -204,7 +204,8 @@ impl Recording {
     /// Opens the decoder of a file. If the unit of its times is doubtful, chooses the unit that gives a plausible
     /// event rate.
     fn file_decoder(&self, format: &FileFormat) -> Result<Box<dyn Decode>, RecordingError> {
-        let open = |options: &RecordingOptions| (format.events)(&self.path, options);
+        let open =
+            |options: &RecordingOptions| (format.events)(&self.path, options).map_err(RecordingError::of_the_start);
         let mut decoder = open(&self.options)?;
         if !decoder.is_unit_doubtful() {
             return Ok(decoder);

@@ -42,9 +42,9 @@ fn reconstruction(bencher: Bencher) {
         let mut reconstruction = Reconstruction::new(ReconstructionOptions::new(SENSOR));
         let mut moments = 0;
         for part in events.chunks(100_000) {
-            reconstruction.push(part, |_| moments += 1);
+            reconstruction.push(part, |block| moments += block.len());
         }
-        reconstruction.finish(|_| moments += 1);
+        reconstruction.finish(|block| moments += block.len());
         moments
     });
 }

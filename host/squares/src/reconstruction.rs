@@ -127,9 +127,9 @@ impl Reconstruction {
         Self { options, bands, start: None, intervals: VecDeque::new(), current: Vec::new(), block, reach }
     }
 
-    /// Adds events, in order of time, and passes every complete picture to `each`, in order of time. An event earlier
-    /// than the previous one counts as simultaneous.
-    pub fn push(&mut self, events: &[Event], mut each: impl FnMut(Moment)) {
+    /// Adds events, in order of time, and passes all complete pictures to `each`, in order of time and in blocks, because the
+    /// pictures of few events may be too many for the memory. An event earlier than the previous one counts as simultaneous.
+    pub fn push(&mut self, events: &[Event], mut each: impl FnMut(Vec<Moment>)) {
         let Sensor { width, height } = self.options.sensor;
         let interval = i64::from(self.options.interval);
         for event in events.iter().filter(|event| event.x < width && event.y < height) {
@@ -155,7 +155,7 @@ impl Reconstruction {
     }
 
     /// Ends the stream, and passes the remaining pictures to `each`. Later events begin a new stream.
-    pub fn finish(&mut self, mut each: impl FnMut(Moment)) {
+    pub fn finish(&mut self, mut each: impl FnMut(Vec<Moment>)) {
         if self.start.is_some() {
             self.intervals.push_back(std::mem::take(&mut self.current).into());
         }
@@ -173,7 +173,7 @@ impl Reconstruction {
         self.start.unwrap_or(0).saturating_add(elapsed)
     }
 
-    fn close_interval(&mut self, each: &mut impl FnMut(Moment)) {
+    fn close_interval(&mut self, each: &mut impl FnMut(Vec<Moment>)) {
         self.intervals.push_back(self.current.as_slice().into());
         self.current.clear();
         if self.intervals.len() >= self.block + self.reach {
@@ -182,7 +182,7 @@ impl Reconstruction {
     }
 
     /// Computes the pictures at the ends of the first intervals, and removes these intervals.
-    fn make(&mut self, each: &mut impl FnMut(Moment)) {
+    fn make(&mut self, each: &mut impl FnMut(Vec<Moment>)) {
         let intervals = self.intervals.make_contiguous();
         let block = self.block.min(intervals.len());
         let ratio = on_weight(intervals);
@@ -190,13 +190,13 @@ impl Reconstruction {
             self.bands.par_iter_mut().map(|band| band.pictures(intervals, block, ratio)).collect();
         let mut bands: Vec<_> = pictures.into_iter().map(Vec::into_iter).collect();
         let Sensor { width, height } = self.options.sensor;
-        for _ in 0..block {
+        let of_band = |band: &mut std::vec::IntoIter<Vec<f32>>| Picture::new(width.into(), height.into(), band.next()?);
+        let moments = (0..block).map(|_| {
             let t = self.start.unwrap_or(0).saturating_add(self.options.interval.into());
             self.start = Some(t);
-            let of_band =
-                |band: &mut std::vec::IntoIter<Vec<f32>>| Picture::new(width.into(), height.into(), band.next()?);
-            each(Moment { t, pictures: bands.iter_mut().filter_map(of_band).collect() });
-        }
+            Moment { t, pictures: bands.iter_mut().filter_map(of_band).collect() }
+        });
+        each(moments.collect());
         self.intervals.drain(..block);
     }
 }
@@ -320,9 +320,9 @@ mod tests {
         let mut reconstruction = Reconstruction::new(options.clone());
         let mut moments = Vec::new();
         for part in events.chunks(part) {
-            reconstruction.push(part, |moment| moments.push(moment));
+            reconstruction.push(part, |block| moments.extend(block));
         }
-        reconstruction.finish(|moment| moments.push(moment));
+        reconstruction.finish(|block| moments.extend(block));
         moments
     }
 

@@ -42,7 +42,8 @@ struct Views {
 
 /// Returns `true` if camera and board are at rest when the first recording begins, `false` also if that is unknown.
 pub(super) fn begins_at_rest(task: &Task) -> bool {
-    let Ok(sensor) = common_sensor(task) else { return false };
+    // Circles are never at rest, and a device may state a sensor of any size.
+    let (Some(Input::Events(_)), Ok(sensor)) = (task.inputs.first(), common_sensor(task)) else { return false };
     let mut views = StillViews::new(sensor);
     let mut is_at_rest = None;
     let read = read_events(task.inputs, 0, &mut |batch| {

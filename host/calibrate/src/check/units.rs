@@ -49,7 +49,8 @@ fn in_words(rate: f64) -> String {
     match rate {
         rate if rate >= 1e6 => format!("{:.1} million", rate / 1e6),
         rate if rate >= 10.0 => format!("{rate:.0}"),
-        rate => format!("{rate:.3}"),
+        rate if rate >= 1e-3 => format!("{rate:.3}"),
+        _ => "fewer than 0.001".to_owned(),
     }
 }
 
@@ -57,6 +58,11 @@ fn in_words(rate: f64) -> String {
 /// whole recording or at its beginning, or the unit was given.
 pub fn unusual_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
     unit_for(USUAL, recording, rate)
+}
+
+/// Does the same as [`unusual_unit`], from the beginning of a recording alone.
+pub fn unusual_beginning(recording: &Recording) -> Option<OtherUnit> {
+    unusual_unit(recording, first_rate(recording)?)
 }
 
 /// Does the same as [`unusual_unit`], for a recording in which no board was found: few events over many minutes are reported too.
@@ -119,6 +125,13 @@ mod tests {
     use evcal_core::event::{Event, Polarity};
 
     use super::*;
+
+    /// An event every 11 days had a rate of "0.000 events per second".
+    #[test]
+    fn a_rate_of_next_to_nothing_is_not_zero() {
+        let words = [0.0, 1e-6, 0.25, 1e-6 + 20.0, 3.2e8].map(in_words);
+        assert_eq!(words, ["fewer than 0.001", "fewer than 0.001", "0.250", "20", "320.0 million"]);
+    }
 
     /// Returns the more likely unit for 30 000 events `step` µs apart, with a pause of `pause` µs before the last
     /// thousand.

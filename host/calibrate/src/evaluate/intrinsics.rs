@@ -73,17 +73,25 @@ pub fn compare_intrinsics(first: &Camera<f64>, second: &Camera<f64>) -> Intrinsi
     IntrinsicsComparison { first_model: first.kind().name(), second_model: second.kind().name(), parameters }
 }
 
+/// Value from which a number no longer fits its column.
+const LARGE: f64 = 1e9;
+
 impl fmt::Display for IntrinsicsComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:<5} {:>16} {:>16} {:>12}", "", self.first_model, self.second_model, "difference")?;
-        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.5}"));
+        let number = |value: Option<f64>| match value {
+            None => "-".to_owned(),
+            Some(value) if value.abs() >= LARGE => format!("{value:.5e}"),
+            Some(value) => format!("{value:.5}"),
+        };
         for pair in &self.parameters {
             let difference = number(pair.difference());
             write!(f, "\n{:<5} {:>16} {:>16} {difference:>12}", pair.name, number(pair.first), number(pair.second))?;
             if pair.name.starts_with('f')
                 && let (Some(first), Some(difference)) = (pair.first, pair.difference())
             {
-                write!(f, " ({:+.3} %)", 100.0 * difference / first)?;
+                let percent = 100.0 * difference / first;
+                if percent.abs() < LARGE { write!(f, " ({percent:+.3} %)") } else { write!(f, " ({percent:+.3e} %)") }?;
             }
         }
         Ok(())
@@ -109,6 +117,16 @@ mod tests {
         assert_eq!(comparison.parameters.len(), 9);
         let text = comparison.to_string();
         assert!(text.contains("(+0.500 %)") && text.lines().count() == 10, "{text}");
+    }
+
+    /// A focal length of 1e308 was printed with all its 309 digits.
+    #[test]
+    fn huge_parameters_fit_their_columns() {
+        let camera = |f: f64| {
+            Camera::from_parameters(ModelKind::Radtan4, &[200.0, f, 170.0, 130.0, -0.3, 0.1, 0.001, 0.002]).unwrap()
+        };
+        let text = compare_intrinsics(&camera(201.0), &camera(1e308)).to_string();
+        assert!(text.contains("1.00000e308") && text.lines().all(|line| line.len() < 80), "{text}");
     }
 
     /// The difference of k1 of different models is not an error.

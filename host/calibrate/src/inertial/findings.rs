@@ -29,6 +29,9 @@ const DRIFT: f64 = 50e-6;
 const CERTAIN: f64 = 5.0;
 /// Relative nonlinearity of an accelerometer, which limits the accuracy of the board's spacing.
 pub const LINEARITY: f64 = 0.003;
+/// Number of samples in a row up to which missing ones were left out by the driver, for example by one that sends some of the
+/// accelerations in place of angular velocities.
+const FEW_IN_A_ROW: f64 = 3.0;
 /// Smallest share of missing samples that is reported.
 const MISSING: f64 = 0.01;
 /// Smallest share of saturated samples that is reported.
@@ -155,12 +158,16 @@ fn about_losses(streams: &[StreamReport]) -> Vec<Finding> {
     let saturated = largest(|stream| stream.saturated);
     let mut findings = Vec::new();
     if missing > MISSING {
-        findings.push(Finding::new(
-            Cause::MissingSamples,
-            Severity::Note,
-            format!("{:.1} % of the IMU samples are missing", 100.0 * missing),
-            "check for a slow disk or a full buffer",
-        ));
+        let in_a_row = |stream: &StreamReport| (stream.longest_gap * stream.rate).round() - 1.0;
+        let in_a_row = streams.iter().filter(|stream| stream.missing > MISSING).map(in_a_row).fold(0.0, f64::max);
+        let share = format!("{:.1} % of the IMU samples are missing", 100.0 * missing);
+        let (reason, advice) = if in_a_row <= FEW_IN_A_ROW {
+            let reason = format!("{share}, at most {in_a_row:.0} in a row");
+            (reason, "check the rates that the driver is set to: a slow disk or a full buffer leaves longer gaps")
+        } else {
+            (share, "check for a slow disk or a full buffer")
+        };
+        findings.push(Finding::new(Cause::MissingSamples, Severity::Note, reason, advice));
     }
     if left_out > MISSING {
         findings.push(Finding::new(
@@ -282,4 +289,30 @@ pub fn explained(calibration: &InertialCalibration, samples: &[Vec<Sample>]) -> 
         return Err(InertialError::NotExplained { gyroscope: gyroscope.to_degrees(), accelerometer });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A driver that sent every fourth sample as an acceleration alone was told of a slow disk.
+    #[test]
+    fn single_missing_samples_are_not_the_fault_of_a_disk() {
+        let advice = |longest_gap: f64| {
+            let (samples, timing) = (3000, Timing::Own);
+            let stream = StreamReport {
+                samples,
+                rate: 1000.0,
+                missing: 0.25,
+                longest_gap,
+                out_of_order: 0,
+                timing,
+                saturated: 0.0,
+            };
+            about_losses(&[stream]).first().map(ToString::to_string).unwrap()
+        };
+        let single = advice(0.002);
+        assert!(single.contains("at most 1 in a row") && single.contains("check the rates"), "{single}");
+        assert!(advice(0.3).contains("check for a slow disk"));
+    }
 }

@@ -150,7 +150,9 @@ impl Receiver {
                     self.restart(device_time(hello.time_us));
                 }
                 let sensor = Sensor::new(hello.sensor_width, hello.sensor_height);
-                if sensor.width > 0 && sensor.height > 0 && *self.sensor.get_or_insert(sensor) != sensor {
+                let sides = 1..=Sensor::MOST_PIXELS_A_SIDE;
+                let is_possible = sides.contains(&sensor.width) && sides.contains(&sensor.height);
+                if is_possible && *self.sensor.get_or_insert(sensor) != sensor {
                     self.other_sensor = Some(sensor);
                 }
                 self.hello = Some(hello);
@@ -412,6 +414,17 @@ mod tests {
         assert_eq!(stream.track.source.sensor, Some(Sensor::new(320, 240)));
         let notes = stream.track.notes.join("; ");
         assert!(notes.contains("changed its sensor from 320 x 240 to 346 x 240 pixels"), "{notes}");
+    }
+
+    /// A sensor of 65,535 × 65,535 pixels filled the memory.
+    #[test]
+    fn an_impossible_sensor_is_not_taken() {
+        let hello = |sensor_width, sensor_height| Hello { sensor_width, sensor_height, ..Hello::default() };
+        for (width, height, taken) in [(u16::MAX, 260, None), (346, u16::MAX, None), (346, 260, Some(()))] {
+            let messages = [vec![Message::Hello(hello(width, height))], window(0, 0, 1)].concat();
+            let sensor = receive(&encode(&messages).concat()).unwrap().sensor;
+            assert_eq!(sensor, taken.map(|()| Sensor::new(width, height)));
+        }
     }
 
     #[test]

@@ -40,7 +40,8 @@ struct Seen {
 
 /// Searches the events of a recording, batch by batch, for a board of squares.
 pub struct SquareStage {
-    reconstruction: Reconstruction,
+    /// The pictures; `None` only while they are made.
+    reconstruction: Option<Reconstruction>,
     finder: SquareFinder,
     recording: usize,
     /// Half of the interval of the pictures (s).
@@ -60,7 +61,7 @@ impl SquareStage {
     pub fn new(board: &SquareBoard, options: ReconstructionOptions, recording: usize) -> Self {
         Self {
             half_interval: 0.5e-6 * f64::from(options.interval),
-            reconstruction: Reconstruction::new(options),
+            reconstruction: Some(Reconstruction::new(options)),
             finder: SquareFinder::new(board),
             recording,
             waiting: Vec::new(),
@@ -75,8 +76,14 @@ impl SquareStage {
     /// Adds the next events in time order; their times are microseconds since the start of the recording.
     pub fn push(&mut self, events: &[Event]) {
         self.report.count_events(events);
-        let waiting = &mut self.waiting;
-        self.reconstruction.push(events, |moment| waiting.push(moment));
+        if let Some(mut reconstruction) = self.reconstruction.take() {
+            reconstruction.push(events, |block| self.search_block(block));
+            self.reconstruction = Some(reconstruction);
+        }
+    }
+
+    fn search_block(&mut self, block: Vec<Moment>) {
+        self.waiting.extend(block);
         if self.waiting.len() >= TOGETHER {
             self.search();
         }
@@ -100,8 +107,9 @@ impl SquareStage {
 
     /// Returns the frames with the board in order of time, and the report.
     pub fn finish(mut self) -> (Vec<CompactFrame>, DetectionReport) {
-        let waiting = &mut self.waiting;
-        self.reconstruction.finish(|moment| waiting.push(moment));
+        if let Some(mut reconstruction) = self.reconstruction.take() {
+            reconstruction.finish(|block| self.search_block(block));
+        }
         self.search();
         self.drop_another_board();
         (self.frames, self.report)

@@ -4,7 +4,9 @@ mod other_span;
 mod statistics;
 mod text;
 
-use evcal_core::event::Polarity;
+use std::ops::ControlFlow;
+
+use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 use evcal_files::visible;
 use serde::{Serialize, Serializer};
@@ -135,26 +137,38 @@ pub struct HotPixel {
 /// [`RecordingError`] if it cannot be opened. A later error is stored in [`Information::error`], with the statistics of
 /// everything before it.
 pub fn gather(recording: &Recording) -> Result<Information, RecordingError> {
-    let mut information = gather_events(recording)?;
+    let mut information = gather_while(recording, &mut |_| ControlFlow::Continue(()))?;
     information.streams = recording.streams()?;
-    let other_span = |stream| OtherSpan::new(stream, information.times_us?);
-    information.other_spans = information.streams.iter().filter_map(other_span).collect();
+    // While a file is written, its other streams are longer than the events that were read before.
+    if recording.source_files().check().is_ok() {
+        let other_span = |stream| OtherSpan::new(stream, information.times_us?);
+        information.other_spans = information.streams.iter().filter_map(other_span).collect();
+    }
     let extras = recording.open_extras()?;
     information.notes.extend(extras.chosen().into_iter().chain(extras.passed_over()));
     Ok(information)
 }
 
-/// Does the same as [`gather`] for the events alone: [`Information::streams`] is empty.
+/// Does the same as [`gather`] for the events alone, which it passes to `visit` until it returns `Break`:
+/// [`Information::streams`] is empty.
 ///
 /// # Errors
 /// As for [`gather`].
-pub fn gather_events(recording: &Recording) -> Result<Information, RecordingError> {
+pub fn gather_while(
+    recording: &Recording,
+    visit: &mut dyn FnMut(&[Event]) -> ControlFlow<()>,
+) -> Result<Information, RecordingError> {
     let mut reader = recording.open()?;
     let mut statistics = Statistics::default();
     let mut events = Vec::new();
     let error = loop {
         match reader.next_batch(&mut events) {
-            Ok(true) => events.iter().for_each(|event| statistics.add(event)),
+            Ok(true) => {
+                events.iter().for_each(|event| statistics.add(event));
+                if visit(&events).is_break() {
+                    break None;
+                }
+            }
             Ok(false) => break None,
             Err(error) => break Some(error),
         }
@@ -219,8 +233,6 @@ impl Information {
 #[cfg(test)]
 mod tests {
     use std::path::Path;
-
-    use evcal_core::event::Event;
 
     use super::*;
     use event_recordings::RecordingOptions;
@@ -309,7 +321,8 @@ mod tests {
         let of = |step: i64| {
             let event = |index: i64| Event { t: index * step, x: 1, y: 2, polarity: Polarity::On };
             let events = (0..=3000).map(event).collect();
-            gather_events(&Recording::from_events("events", events, RecordingOptions::default())).unwrap()
+            let recording = Recording::from_events("events", events, RecordingOptions::default());
+            gather_while(&recording, &mut |_| ControlFlow::Continue(())).unwrap()
         };
         let (short, long) = (of(1), of(4));
         assert_eq!(short.peak, None);

@@ -43,7 +43,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         } else {
             let separator = if index == 0 { "" } else { "\n" };
             print::line(format!("{separator}{}", information.to_string().trim_end()))?;
-            if let Some(other) = unusual_unit(&recording, information.mean_rate) {
+            let is_inside = information.report.out_of_range <= information.events;
+            if let Some(other) = unusual_unit(&recording, information.mean_rate).filter(|_| is_inside) {
                 print::line(format!("{:<12}{other}: {}", "time unit", worded(&Advice::NameTimeUnit(other.unit))))?;
             }
         }

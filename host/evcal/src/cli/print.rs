@@ -33,16 +33,40 @@ const COMMAND: &str = "next: ";
 /// Columns in which the text after a label may begin.
 const LABELS: std::ops::Range<usize> = 4..20;
 
+/// Largest number of characters of a line. Longer ones quote a file, such as a name of 100 kB.
+const LONGEST: usize = 4000;
+/// Number of characters at the end of a longer line that are printed, too.
+const END: usize = 500;
+
+/// Returns `line` without its middle if it is very long.
+fn shortened(line: &str) -> Cow<'_, str> {
+    let count = if line.len() > LONGEST { line.chars().count() } else { 0 };
+    if count <= LONGEST {
+        return Cow::Borrowed(line);
+    }
+    let place = |number: usize| line.char_indices().nth(number).map_or(line.len(), |(place, _)| place);
+    let (start, end) = (&line[..place(LONGEST - END)], &line[place(count - END)..]);
+    Cow::Owned(format!("{start} [... {} characters ...] {end}", count - LONGEST))
+}
+
 /// Returns `text` with its lines wrapped at `width`. What continues a line is indented further than the line, or as the text after its
 /// label is.
 fn wrapped(text: &str, width: Option<usize>) -> Cow<'_, str> {
-    let Some(width) = width else { return Cow::Borrowed(text) };
+    let Some(width) = width else {
+        return match text.len() > LONGEST {
+            true => Cow::Owned(text.split('\n').map(shortened).collect::<Vec<_>>().join("\n")),
+            false => Cow::Borrowed(text),
+        };
+    };
     let fit = |line: &str| {
         if line.trim_start().starts_with(COMMAND) {
             return line.to_owned();
         }
         let indentation = " ".repeat(indentation(line));
-        textwrap::fill(line, textwrap::Options::new(width).subsequent_indent(&indentation).break_words(false))
+        textwrap::fill(
+            &shortened(line),
+            textwrap::Options::new(width).subsequent_indent(&indentation).break_words(false),
+        )
     };
     Cow::Owned(text.split('\n').map(fit).collect::<Vec<_>>().join("\n"))
 }
@@ -97,6 +121,16 @@ pub fn detail(text: impl Display) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Settings with a text of 100 kB were quoted whole.
+    #[test]
+    fn very_long_lines_are_cut_in_their_middle() {
+        let text = format!("invalid value {}: give a number\nthe next line", "µ".repeat(100_000));
+        let cut = wrapped(&text, None);
+        assert!(cut.starts_with("invalid value µµ") && cut.ends_with("µ: give a number\nthe next line"));
+        assert!(cut.contains("[... 96029 characters ...]") && cut.chars().count() < LONGEST + 100, "{cut}");
+        assert!(wrapped(&text, Some(80)).len() < 3 * LONGEST);
+    }
 
     #[test]
     fn lines_fit_the_terminal_and_commands_stay_in_one_piece() {

@@ -97,10 +97,12 @@ pub fn open(path: &Path, limits: Limits) -> Result<Hdf5File, Error> {
         };
         registry.register(number, Box::new(refuse));
     }
+    // While streams are searched, one large chunk may belong to hundreds of them.
+    let cache = if limits.largest == 0 { LARGEST_CHUNK } else { limits.together.clamp(1 << 20, 4 * LARGEST_CHUNK) };
     let options = OpenOptions::default()
         .with_filter_registry(registry)
         .with_max_chunk_bytes(LARGEST_CHUNK)
-        .with_chunk_cache_bytes(limits.together.clamp(1 << 20, 4 * LARGEST_CHUNK));
+        .with_chunk_cache_bytes(cache);
     let storage = hdf5_reader::FileStorage::open(path)?;
     Hdf5File::from_storage_with_options(std::sync::Arc::new(storage), options)
 }

@@ -314,7 +314,7 @@ impl Bag {
         (self.chunk.position, self.chunk.byte) = (0, start);
         done.map_err(|what| {
             self.chunk.bytes.clear();
-            self.file.damaged(start, format!("a chunk is damaged: {what}"))
+            what.of_chunk(&self.file, start)
         })
     }
 

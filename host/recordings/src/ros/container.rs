@@ -171,6 +171,18 @@ pub enum ChunkError {
     },
 }
 
+impl ChunkError {
+    /// Returns the error of reading `file`, whose chunk at `byte` this is.
+    pub fn of_chunk(&self, file: &ByteReader, byte: u64) -> RecordingError {
+        match self {
+            Self::Budget { most } => {
+                file.error(RecordingErrorKind::TooLargeUnpacked { most: *most, bytes: file.length() })
+            }
+            _ => file.damaged(byte, format!("a chunk is damaged: {self}")),
+        }
+    }
+}
+
 /// Compression of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {

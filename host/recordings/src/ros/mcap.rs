@@ -200,7 +200,7 @@ impl Mcap {
                     (self.position, self.byte) = (0, start);
                     self.unpack().map_err(|what| {
                         self.records.clear();
-                        self.file.damaged(start, format!("a chunk is damaged: {what}"))
+                        what.of_chunk(&self.file, start)
                     })?;
                     self.is_settled = self.order.is_settled(start, times(&self.records));
                     return Ok(true);

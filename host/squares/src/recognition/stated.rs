@@ -92,6 +92,15 @@ impl StatedTags {
         }
     }
 
+    /// Returns `true` if the tags contradict all boards that users confuse with the stated one more than the stated one. Pictures
+    /// of the middle of a ChArUco board fit both layouts.
+    pub fn exclude_variants(&self) -> bool {
+        let Some(sightings) = self.sightings.first() else { return false };
+        let pairs = Pairs::new(sightings, matches!(self.stated, SquareBoard::Charuco(_)));
+        let of_stated = pairs.counts(&self.stated)[1];
+        variants(&self.stated).iter().all(|board| pairs.counts(board)[1] > of_stated)
+    }
+
     /// Compares the tags of all moments with the stated board.
     pub fn compare(&self) -> Comparison {
         let borders = self.finders.iter().map(|(border, _)| *border).zip(&self.sightings);
@@ -104,6 +113,9 @@ impl StatedTags {
         let is_stated_border = self.finders.first().is_some_and(|(first, _)| *first == border);
         let pairs = Pairs::new(sightings, matches!(self.stated, SquareBoard::Charuco(_)));
         if is_stated_border && pairs.fit(&self.stated) {
+            if let Some(better) = variants(&self.stated).into_iter().find(|board| pairs.prefer(board, &self.stated)) {
+                return Comparison::Other(better);
+            }
             return pairs
                 .period
                 .map_or(Comparison::Unclear, |period| Comparison::Same { ratio: ratio(&self.stated, period) });
@@ -127,7 +139,7 @@ fn ratio(board: &SquareBoard, period: f64) -> f64 {
     }
 }
 
-/// Returns boards that users confuse with a ChArUco board: the other layout, and rows and columns exchanged.
+/// Returns boards that users confuse with a ChArUco board, with tags at other places: the other layout, and rows and columns exchanged.
 fn variants(board: &SquareBoard) -> Vec<SquareBoard> {
     let SquareBoard::Charuco(board) = board else { return Vec::new() };
     let layout = match board.layout {
@@ -135,7 +147,9 @@ fn variants(board: &SquareBoard) -> Vec<SquareBoard> {
         CharucoLayout::Legacy => CharucoLayout::Current,
     };
     let exchanged = Charuco { rows: board.columns, columns: board.rows, ..*board };
-    [Charuco { layout, ..*board }, exchanged, Charuco { layout, ..exchanged }].map(SquareBoard::Charuco).to_vec()
+    let all = [Charuco { layout, ..*board }, exchanged, Charuco { layout, ..exchanged }].map(SquareBoard::Charuco);
+    // Layouts differ only if the number of rows is even.
+    all.into_iter().filter(|other| other.tags() != SquareBoard::Charuco(*board).tags()).collect()
 }
 
 /// Returns a recognised grid with the rows and the first tag of the stated one, if the pictures showed only a part of it.
@@ -191,6 +205,12 @@ impl Pairs {
     /// Returns `true` if enough pairs contradict a board.
     fn contradict(&self, board: &SquareBoard) -> bool {
         self.counts(board)[1] >= FEWEST_CONTRADICTIONS
+    }
+
+    /// Returns `true` if all pairs agree with `board`, and more of them than with `other`, which some contradict.
+    fn prefer(&self, board: &SquareBoard, other: &SquareBoard) -> bool {
+        let ([agreeing, contradicting], [fewer, of_other]) = (self.counts(board), self.counts(other));
+        agreeing >= FEWEST_PAIRS && contradicting == 0 && of_other > 0 && agreeing > fewer
     }
 
     /// Returns the numbers of different pairs of neighbours that agree with a board, and that contradict it.
@@ -254,6 +274,32 @@ mod tests {
             tags.add(&[noisy(&picture, 0.05)]);
         }
         tags.compare()
+    }
+
+    /// Three pictures of the middle of a board ended the comparison, so the trajectory was one square off without a word.
+    #[test]
+    fn pictures_of_the_middle_do_not_decide_between_layouts() {
+        let [current, legacy] = ["", ":legacy"].map(|layout| format!("charuco:6x5:30mm:22mm:DICT_5X5_100{layout}"));
+        let (printed, stated): (SquareBoard, SquareBoard) = (current.parse().unwrap(), legacy.parse().unwrap());
+        let (bounds, raster) = (printed.bounds(), printed.raster());
+        let middle = [0, 1].map(|axis| (bounds.low[axis] + bounds.high[axis]) / 2.0);
+        let longer = (bounds.high[0] - bounds.low[0]).max(bounds.high[1] - bounds.low[1]);
+        let brightness = |x, y| if raster.is_dark_at([x, y]) { 0.1 } else { 0.9 };
+        let add = |tags: &mut StatedTags, distance: f64| {
+            for rotation in [[0.3, -0.3, 0.1], [-0.2, 0.3, 0.2], [0.2, 0.1, -0.2], [0.0, 0.3, 0.1]] {
+                let picture = View::new(middle, distance * longer, rotation).render_in_parts(3, brightness);
+                tags.add(&[noisy(&picture, 0.05)]);
+            }
+        };
+        let mut tags = StatedTags::new(&stated).unwrap();
+        add(&mut tags, 0.7);
+        assert!(!tags.exclude_variants());
+        add(&mut tags, 1.6);
+        assert!(!tags.exclude_variants());
+        assert_eq!(tags.compare(), Comparison::Other(printed));
+        let mut tags = StatedTags::new(&printed).unwrap();
+        add(&mut tags, 1.6);
+        assert!(tags.exclude_variants() && matches!(tags.compare(), Comparison::Same { .. }));
     }
 
     #[track_caller]

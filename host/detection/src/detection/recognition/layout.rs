@@ -23,7 +23,7 @@ use event_recordings::pass::read_while;
 use event_recordings::{Recording, RecordingError};
 
 /// Length of the beginning of a recording that is evaluated (µs).
-const LONGEST: i64 = 4_000_000;
+pub(super) const LONGEST: i64 = 4_000_000;
 /// Fewest circles of a window that is evaluated.
 pub(in crate::detection) const FEWEST_CIRCLES: usize = 8;
 /// Number of windows on which every layout is tried.

@@ -133,7 +133,8 @@ impl<'a> ComparedPictures<'a> {
             Some(tags) => {
                 tags.add(&pictures);
                 // Contradictions need all pictures, because they may show only parts of the board.
-                self.clear = Some(tags.compare()).filter(|it| matches!(it, Comparison::Same { .. }));
+                let comparison = Some(tags.compare()).filter(|it| matches!(it, Comparison::Same { .. }));
+                self.clear = comparison.filter(|_| tags.exclude_variants());
             }
             None => self.found += usize::from(self.finder.find(&pictures, None).is_ok()),
         }
@@ -279,10 +280,10 @@ fn visit(
     let mut first: Option<Moment> = None;
     read_windows(recording, starts, WINDOW, |events| {
         let Some(events) = events else {
-            reconstruction.finish(|moment| _ = first.get_or_insert(moment));
+            reconstruction.finish(|block| first = first.take().or(block.into_iter().next()));
             return first.take().map_or(ControlFlow::Continue(()), &mut each);
         };
-        reconstruction.push(events, |moment| _ = first.get_or_insert(moment));
+        reconstruction.push(events, |block| first = first.take().or(block.into_iter().next()));
         ControlFlow::Continue(())
     })
 }

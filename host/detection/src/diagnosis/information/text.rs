@@ -33,6 +33,15 @@ impl fmt::Display for Information {
     }
 }
 
+/// Returns a number of events per second as text. A few events in a day are no "0.000 Mev/s".
+fn rate_in_words(rate: f64) -> String {
+    match rate {
+        rate if rate >= 5e3 => format!("{:.3} Mev/s", rate / 1e6),
+        rate if rate >= 0.05 => format!("{rate:.1} events per second"),
+        rate => format!("{rate:.1e} events per second"),
+    }
+}
+
 fn line(f: &mut fmt::Formatter<'_>, name: &str, value: String) -> fmt::Result {
     writeln!(f, "{name:<12}{}", visible::name(&value))
 }
@@ -65,16 +74,12 @@ impl Information {
     fn write_events(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let share = self.on_share.map(|share| format!(", {:.1} % ON", 100.0 * share)).unwrap_or_default();
         line(f, "events", format!("{}{share}", self.events))?;
-        let mean = self.mean_rate / 1e6;
+        let mean = rate_in_words(self.mean_rate);
         if let Some(Peak { rate, t_s }) = self.peak {
-            let peak = rate / 1e6;
-            line(
-                f,
-                "rate",
-                format!("mean {mean:.3} Mev/s, at most {peak:.3} Mev/s (over 10 ms, {t_s:.3} s after the first event)"),
-            )?;
-        } else if mean > 0.0 {
-            line(f, "rate", format!("mean {mean:.3} Mev/s"))?;
+            let peak = rate_in_words(rate);
+            line(f, "rate", format!("mean {mean}, at most {peak} (over 10 ms, {t_s:.3} s after the first event)"))?;
+        } else if self.mean_rate > 0.0 {
+            line(f, "rate", format!("mean {mean}"))?;
         }
         if let Some(SaturatedReadout { rate, duration_s, t_s }) = self.saturation {
             let rate = rate / 1e6;

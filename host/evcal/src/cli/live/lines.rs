@@ -13,6 +13,9 @@ use serde_json::{Map, Value, json};
 
 use super::super::{Outcome, print, progress, record};
 
+/// Number of times that a line is repeated. A recording with wrong times may last for years.
+const MOST_REPETITIONS: u32 = 20;
+
 /// Prints hints: as JSON, on a changing line of a terminal, or otherwise line by line.
 pub struct Lines {
     json: bool,
@@ -20,6 +23,8 @@ pub struct Lines {
     mirrored: bool,
     is_terminal: bool,
     bar: ProgressBar,
+    /// The last line without its time, and the number of lines after it that are the same.
+    last: (String, u32),
     /// The first failure to print, as text because hints come from other threads.
     printed: Result<(), String>,
 }
@@ -32,6 +37,7 @@ impl Lines {
             mirrored,
             is_terminal: std::io::stderr().is_terminal(),
             bar: progress::spinner(json),
+            last: (String::new(), 0),
             printed: Ok(()),
         }
     }
@@ -44,10 +50,22 @@ impl Lines {
             return;
         }
         let text = as_text(seen, status, self.mirrored);
-        if !self.is_terminal {
+        if !self.is_terminal && self.is_news(&text) {
             self.print(|| print::line(&text));
         }
         self.bar.set_message(visible::name(&text).into_owned());
+    }
+
+    /// Returns `false` if a line repeats the lines before it, except for its time, and they were [`MOST_REPETITIONS`].
+    fn is_news(&mut self, text: &str) -> bool {
+        let content = text.split_once(" s: ").map_or(text, |(_, content)| content);
+        let (last, repetitions) = &mut self.last;
+        if last != content {
+            (*last, *repetitions) = (content.to_owned(), 0);
+            return true;
+        }
+        *repetitions = repetitions.saturating_add(1);
+        *repetitions <= MOST_REPETITIONS
     }
 
     fn print(&mut self, print: impl FnOnce() -> Outcome) {
@@ -189,5 +207,22 @@ fn checkpoint_as_json(checkpoint: &Checkpoint) -> Value {
             "halves_agree": accuracy.halves_agree,
         }),
         Err(reason) => json!({ "t": checkpoint.t, "failed": reason }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A recording whose times were wrong printed 100,000 times that there are hardly any events.
+    #[test]
+    fn a_line_without_news_is_repeated_a_few_times() {
+        let mut lines = Lines::new(false, false);
+        let mut count = |content: &str| {
+            let times = 0..1000;
+            times.filter(|t| lines.is_news(&format!("{} s: {content}", t * 86_400))).count()
+        };
+        let most = MOST_REPETITIONS as usize + 1;
+        assert_eq!(["no events", "the board", "no events"].map(&mut count), [most; 3]);
     }
 }

@@ -2,6 +2,8 @@
 
 use std::ops::ControlFlow;
 
+use evcal_calibrate::advice::Advice;
+use evcal_calibrate::check::units::unusual_beginning;
 use evcal_calibrate::settings::Settings;
 use evcal_detection::detection::search::sensor_of;
 use evcal_files::folder::OutputFolder;
@@ -12,6 +14,7 @@ use evcal_live::replay::replay;
 use evcal_live::wanted::words;
 use event_recordings::Recording;
 
+use super::super::advice::calibrate::worded;
 use super::super::calibrate::{CameraRecordings, calibrate_recordings};
 use super::super::interrupt::Interrupt;
 use super::super::print;
@@ -52,6 +55,9 @@ pub fn run(
         Source::Whole(_) => (sensor_of(recording)?, vec![path.to_owned()], ReportTime::AtLength(SHOWN_AT_LENGTH)),
         Source::Incoming(incoming) => (incoming.sensor, Vec::new(), ReportTime::WhenReady),
     };
+    if let (Source::Whole(_), Some(other)) = (&source, unusual_beginning(recording)) {
+        print::aside(format!("{other}: {}", worded(&Advice::NameTimeUnit(other.unit))));
+    }
     let method = &arguments.calibration.method;
     let board = &method.choose_board(&known, &options, &settings.detection)?;
     let checkpoints = checkpoint::start(arguments, settings, board, &[], path, &options, report_time)?;

@@ -181,3 +181,12 @@ fn frames_after_a_damaged_chunk_or_page_are_read() {
         assert_eq!(extras(&content, skip()), (all, Vec::new(), pictures));
     }
 }
+
+/// The events before damage at the beginning of a bag "can be used", although there are none.
+#[test]
+fn damage_before_the_first_event_promises_no_events() {
+    let mut content = bag("none", &messages(Wire::Ros1));
+    content[13..17].copy_from_slice(&4_u32.to_le_bytes());
+    let error = testing::read(&content).error.unwrap();
+    assert!(error.contains("byte 13") && error.ends_with("; no events are before it"), "{error}");
+}

@@ -59,6 +59,24 @@ fn a_file_cannot_have_more_events_than_its_size_allows() {
     assert!(recording.streams().unwrap_err().to_string().contains("more than"));
 }
 
+/// `check` used the events before the limit, in several passes of 4 s each.
+#[test]
+fn a_repetition_is_no_recording_with_damage() {
+    let words: Vec<u16> = [0x8001_u16, 0x6002, 0x0007, 0x3803].into_iter().chain([0x4fff].repeat(3 << 20)).collect();
+    let mut messages: Messages = vec![("/a", PACKET, event_packet(Wire::Cdr, "evt3", 0, &words[..100]))];
+    messages.extend((0..12).map(|_| ("/i", "sensor_msgs/msg/Image", vec![0; 31 << 20])));
+    for content in
+        [mcap("zstd", &vec![("/a", PACKET, event_packet(Wire::Cdr, "evt3", 0, &words))]), mcap("zstd", &messages)]
+    {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("recording");
+        std::fs::write(&path, &content).unwrap();
+        let recording = Recording::new(&path, RecordingOptions::default()).unwrap();
+        let error = crate::pass::read_recording(&recording, &mut |_| {}).err().unwrap();
+        assert!(error.kind.is_repetition() && error.to_string().ends_with("its content is a repetition"), "{error}");
+    }
+}
+
 /// The files of a bag folder count, not the folder itself.
 #[test]
 fn a_folder_may_have_as_many_events_as_its_files_allow() {
