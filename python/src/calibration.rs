@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use evcal_calibrate::calibrate::calibrated::Calibrated;
-use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial, check_length};
+use evcal_calibrate::calibrate::inertia::{InertialRequest, calibrate_inertial};
 use evcal_calibrate::calibrate::second::{calibrate_against_first, calibrate_lens_separately, picture_use_of_second};
 use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
@@ -71,9 +71,6 @@ impl CalibrationJob {
         mut on_progress: impl FnMut(Step) -> ControlFlow<()> + Send,
     ) -> PyResult<(Calibrated, Vec<(String, String)>)> {
         let task = self.task();
-        if let Some(request) = &self.inertial {
-            check_length(&self.inputs, request).map_err(failed)?;
-        }
         let mut first = evcal_calibrate::calibrate::calibrate(&task, &mut on_progress).map_err(failed)?;
         let mut failures = Vec::new();
         if let Some(request) = &self.inertial {

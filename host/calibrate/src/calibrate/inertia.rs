@@ -6,9 +6,9 @@ use super::calibrated::{Calibrated, Evidence};
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
-use crate::inertial::stream::{ReadSamples, Span};
+use crate::inertial::stream::ReadSamples;
 use crate::inertial::units::MessageUnits;
-use crate::inertial::{FEWEST_SECONDS, RecordedSamples, calibrate_unit, csv, stream};
+use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
 use crate::task::input::Input;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use event_recordings::{Recording, ros};
@@ -39,39 +39,6 @@ pub fn calibrate_inertial(
     let recorded = recorded_samples(inputs, &calibrated.starts, request)?;
     let found = calibrate_unit(recorded, &events.refined, &calibrated.quality.uncertainty, fixed, &request.settings);
     found.map_err(|error| if request.file.is_none() { error.of_recording() } else { error })
-}
-
-/// Checks, before the camera is calibrated, that the IMU samples of `inputs` span enough time. Only as many samples are
-/// read as needed; other problems are detected later.
-///
-/// # Errors
-/// [`InertialError::ShortRecording`] if they do not, [`InertialError::OneTime`] if all have the same timestamp.
-pub fn check_length(inputs: &[Input], request: &InertialRequest) -> Result<(), InertialError> {
-    let spans = match &request.file {
-        Some(file) => csv::read(file)
-            .ok()
-            .and_then(|samples| {
-                let times = || samples.iter().map(|sample| sample.t);
-                let (first, last) = times().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
-                (first <= last).then_some(Span { first, seconds: last - first, samples: samples.len() })
-            })
-            .into_iter()
-            .collect::<Vec<Span>>(),
-        None => inputs
-            .iter()
-            .filter_map(|input| match input {
-                Input::Events(recording) => stream::span(recording, FEWEST_SECONDS),
-                Input::Images(_) | Input::Circles { .. } => None,
-            })
-            .collect(),
-    };
-    match spans.into_iter().max_by(|a, b| a.seconds.total_cmp(&b.seconds)) {
-        Some(Span { first, seconds: 0.0, samples: 2.. }) => Err(InertialError::OneTime { t: first }),
-        Some(Span { seconds, .. }) if seconds < FEWEST_SECONDS => {
-            Err(InertialError::ShortRecording { seconds, needed: FEWEST_SECONDS })
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Returns `true` for recordings of ROS messages, whose drivers choose the units of IMU samples.

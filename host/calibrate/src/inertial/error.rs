@@ -46,20 +46,10 @@ pub enum InertialError {
     },
     /// Too few samples were taken while the board was in view.
     #[error(
-        "the board was seen during only {seconds:.1} s of the IMU samples; {needed:.0} s are needed: record longer, with the board in view"
+        "the board was seen during only {seconds:.1} s of the IMU samples; {needed:.0} s are needed: record longer, with the board in view. If it was seen for longer, the times of the samples have another unit or rate"
     )]
     TooShort {
         /// Length of the samples (s).
-        seconds: f64,
-        /// Required length (s).
-        needed: f64,
-    },
-    /// The samples are too short for a calibration.
-    #[error(
-        "the IMU samples span only {seconds:.3} s; {needed:.0} s are needed, and 30 s are good: record longer. If the events span more time, the rate of the IMU's clock is wrong"
-    )]
-    ShortRecording {
-        /// Length from the first to the last sample (s).
         seconds: f64,
         /// Required length (s).
         needed: f64,

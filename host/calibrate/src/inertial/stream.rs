@@ -67,34 +67,6 @@ pub fn read(recording: &Recording) -> Result<ReadSamples, RecordingError> {
     Ok(ReadSamples { samples, lost })
 }
 
-/// Time covered by samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Span {
-    /// The earliest timestamp (s).
-    pub first: f64,
-    /// Time from the earliest to the latest timestamp (s).
-    pub seconds: f64,
-    /// Number of samples.
-    pub samples: usize,
-}
-
-/// Returns the time covered by the IMU samples of a recording, reading only until it is `enough` (s); `None` without samples.
-pub fn span(recording: &Recording, enough: f64) -> Option<Span> {
-    let mut extras = recording.open_extras().ok()?;
-    let mut span: Option<Span> = None;
-    while let Some(extra) = extras.next_until(i64::MAX, &mut Vec::new()) {
-        let Extra::Inertial(sample) = extra else { continue };
-        let t = sample.t as f64 * 1e-6;
-        let before = span.unwrap_or(Span { first: t, seconds: 0.0, samples: 0 });
-        let (first, last) = (before.first.min(t), (before.first + before.seconds).max(t));
-        span = Some(Span { first, seconds: last - first, samples: before.samples + 1 });
-        if last - first >= enough {
-            break;
-        }
-    }
-    span
-}
-
 /// Removes unusable samples, and checks times, units, gaps and saturation.
 ///
 /// # Errors

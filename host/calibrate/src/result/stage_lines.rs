@@ -199,7 +199,7 @@ fn search_lines(report: &PictureReport) -> [StageLine; 2] {
         )
         .dropping(refused)
         .noting(passed_over.into_iter().chain(without).chain(search.notes.iter().cloned())),
-        StageLine::new("Dots", Amount::new(search.dots, "dots"), Amount::new(search.board_dots, "on boards"))
+        StageLine::new("Points", Amount::new(search.dots, "points"), Amount::new(search.board_dots, "on boards"))
             .dropping(spots)
             .noting((search.blur > 0.0).then(|| format!("their edges are blurred by {:.2} px", search.blur))),
     ]
@@ -211,7 +211,7 @@ fn used_line(report: &PictureReport, spread: f64, inflation: f64) -> StageLine {
     StageLine::new(
         format!("Calibration from {}", report.source),
         Amount::new(with_board, format!("{} with the board", report.source)),
-        Amount::new(report.used as u64, format!("{} with {} dots", report.source, report.dots_used)),
+        Amount::new(report.used as u64, format!("{} with {} points", report.source, report.dots_used)),
     )
     .noting(reasons)
     .noting([
@@ -241,8 +241,8 @@ fn joint_line(joint: &JointReport) -> StageLine {
     let offset = format!("{:.3} ± {:.3} ms", 1e3 * joint.time_offset, 1e3 * joint.time_offset_sigma);
     StageLine::new(
         "Frames solved with the events",
-        Amount::new((joint.dots + joint.dots_elsewhere) as u64, "dots"),
-        Amount::new(joint.dots as u64, format!("dots of {} frames", joint.frames)),
+        Amount::new((joint.dots + joint.dots_elsewhere) as u64, "points"),
+        Amount::new(joint.dots as u64, format!("points of {} frames", joint.frames)),
     )
     .dropping([(joint.dots_elsewhere as u64, "not at the position that the trajectory predicts".to_owned())])
     .noting([format!("events come {offset} later"), format!("spread {:.3} px", joint.spread)])

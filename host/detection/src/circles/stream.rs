@@ -422,7 +422,7 @@ mod tests {
         let hello = |sensor_width, sensor_height| Hello { sensor_width, sensor_height, ..Hello::default() };
         for (width, height, taken) in [(u16::MAX, 260, None), (346, u16::MAX, None), (346, 260, Some(()))] {
             let messages = [vec![Message::Hello(hello(width, height))], window(0, 0, 1)].concat();
-            let sensor = receive(&encode(&messages).concat()).unwrap().sensor;
+            let sensor = receive(&encode(&messages).concat()).unwrap().track.source.sensor;
             assert_eq!(sensor, taken.map(|()| Sensor::new(width, height)));
         }
     }

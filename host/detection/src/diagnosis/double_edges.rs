@@ -25,7 +25,7 @@ pub const CLOSE: std::ops::Range<usize> = 3..7;
 /// Fewest short intervals for a decision.
 const FEWEST: u64 = 500;
 /// Largest ratio of the numbers per microsecond of two octaves of short intervals. It is 1.03 to 1.28 for two simulated cameras, and
-/// from 1.8 on if the times of one camera are dithered by half a millisecond.
+/// larger for one whose times are dithered by half a millisecond, because its intervals of that length are usual ones.
 const EVEN: f64 = 1.5;
 /// Smallest ratio of the number of short intervals per microsecond to the largest number of usual ones. It is 0.15 to 0.90 in six
 /// recordings of two simulated cameras; below 0.001 in simulated recordings of one, and 0.04 in one of ten real ones, where it is not

@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 use super::advice::with_advice;
 use super::settings::read_settings;
 use evcal_calibrate::calibrate::inertia::InertialRequest;
-use evcal_calibrate::calibrate::inertia::check_length;
 use evcal_calibrate::inertial;
 use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_calibrate::inertial::units::MessageUnits;
@@ -429,9 +428,6 @@ pub fn calibrate_recordings(
             let (count, first, last) = (recording.files().len(), short_name(first), short_name(last));
             print::aside(format!("{count} consecutive files, {first} to {last}, are read as one recording"));
         }
-    }
-    if let Some(request) = arguments.inertial_request() {
-        check_length(&inputs, &request)?;
     }
     let parameters = arguments.parameters()?;
     let rolling_shutter = others.rolling_shutter;

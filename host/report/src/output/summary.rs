@@ -131,7 +131,7 @@ fn details(calibration: &CalibrationFile, distances: Option<&RangeInclusive<f64>
     if let Some(joint) = &calibration.joint_frames {
         let _ = write!(
             text,
-            "\nsolved jointly with {} dots in {} frames; frame timestamps are {:.3} ± {:.3} ms earlier than event timestamps",
+            "\nsolved jointly with {} points in {} frames; frame timestamps are {:.3} ± {:.3} ms earlier than event timestamps",
             joint.dots,
             joint.frames,
             1e3 * joint.time_offset,
