@@ -56,8 +56,14 @@ const SQUARES: [&str; 5] = [
 ];
 
 /// Boards in frames: the squares, smaller tags, and dots.
-const IN_FRAMES: [&str; 4] =
-    ["aprilgrid:6x6:35.2mm:0.3", "apriltags:3x4:45mm:0.25", "apriltags:3x4:45mm:0.25:border2", BOARD];
+const IN_FRAMES: [&str; 6] = [
+    "checkerboard:6x9:25mm",
+    "charuco:5x7:30mm:22mm:DICT_5X5_100",
+    "aprilgrid:6x6:35.2mm:0.3",
+    "apriltags:3x4:45mm:0.25",
+    "apriltags:3x4:45mm:0.25:border2",
+    BOARD,
+];
 
 /// Lenses and unsuitable models.
 const WRONG_MODELS: [(Lens, [&str; 3]); 5] = [

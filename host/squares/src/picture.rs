@@ -8,6 +8,17 @@ pub struct Picture {
     values: Vec<f32>,
 }
 
+/// The difference between a pixel and a model of the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelResidual {
+    /// Number of the pixel in the picture, row by row.
+    pub pixel: u32,
+    /// The model's value.
+    pub value: f32,
+    /// The picture's value minus the model's.
+    pub error: f32,
+}
+
 impl Picture {
     /// Creates a picture from `values`, row by row; `None` if there are not `width` × `height` values, or no pixels at
     /// all.
@@ -34,6 +45,11 @@ impl Picture {
     /// Returns the pixels, row by row.
     pub fn values(&self) -> &[f32] {
         &self.values
+    }
+
+    /// Returns the pixels, row by row, to change them.
+    pub fn values_mut(&mut self) -> &mut [f32] {
+        &mut self.values
     }
 
     /// Returns `true` if a pixel position is at least `margin` away from the pixel centres at the border.

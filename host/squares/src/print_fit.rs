@@ -17,8 +17,8 @@ use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
 use crate::bearings::{Bearings, Plane};
-use crate::blurred_print::{NearLines, Print};
-use crate::picture::Picture;
+use crate::blurred_print::{NearLines, Print, Shade, Variance};
+use crate::picture::{Picture, PixelResidual};
 
 /// Width of the strip around a tag that is fitted too (px); at most the gap to the next square.
 const MARGIN: f64 = 2.5;
@@ -89,10 +89,14 @@ pub struct FittedPoints {
     pub blur: f64,
     /// Standard deviation of the residuals as a share of the difference between dark and light.
     pub residual: f64,
+    /// Residuals of the pixels of the fitted region.
+    pub of_pixels: Vec<PixelResidual>,
 }
 
 /// A pixel of the fitted region.
 struct Pixel {
+    /// Its number in the picture.
+    number: u32,
     /// Position on the plane on which lines are straight, and its derivative by the position in the picture.
     place: Vector2<f64>,
     by_pixel: Matrix2<f64>,
@@ -101,12 +105,21 @@ struct Pixel {
     value: f64,
 }
 
+/// A pixel on the print.
+struct Placed {
+    /// Its position.
+    place: [f64; 2],
+    /// Derivatives of this position by the pixel's, multiplied: x x, x y, y y.
+    products: [[f64; 3]; 3],
+    shade: Shade,
+}
+
 /// The estimate: the map from the plane to the print, the blur's variances (xx, xy, yy in px²), and the light: the
 /// coefficients of b, a, q and c.
 #[derive(Clone)]
 struct Estimate {
     map: Matrix3<f64>,
-    blur: [f64; 3],
+    blur: Variance,
     light: SVector<f64, LIGHT>,
     equations: Equations,
 }
@@ -225,9 +238,10 @@ impl Patch {
                 let Some((place, by_pixel)) = plane.place_of_pixel(x, y) else { continue };
                 let at = map * place.push(1.0);
                 let inside = at.z > 0.0 && at.x.abs() <= reach * at.z && at.y.abs() <= reach * at.z;
-                let Some(value) = picture.values().get(y * picture.width() + x).filter(|_| inside) else { continue };
+                let index = y * picture.width() + x;
+                let Some(value) = picture.values().get(index).filter(|_| inside) else { continue };
                 let light = [1.0, (x as f64 - middle.x) / radius, (y as f64 - middle.y) / radius];
-                pixels.push(Pixel { place, by_pixel, light, value: f64::from(*value) });
+                pixels.push(Pixel { number: index as u32, place, by_pixel, light, value: f64::from(*value) });
             }
         }
         Some(pixels)
@@ -267,7 +281,7 @@ impl Patch {
         &self,
         pixels: &[Pixel],
         map: Matrix3<f64>,
-        blur: [f64; 3],
+        blur: Variance,
         light: SVector<f64, LIGHT>,
     ) -> Option<Estimate> {
         let [xx, xy, yy] = blur;
@@ -282,22 +296,9 @@ impl Patch {
         let mut right = SVector::<f64, UNKNOWNS>::zeros();
         let mut squares = 0.0;
         let mut near = NearLines::default();
-        for Pixel { place, by_pixel, light: [_, x, y], value } in pixels {
-            let at = map * place.push(1.0);
-            let inverse = 1.0 / at.z;
-            let (u, v) = (at.x * inverse, at.y * inverse);
-            let slope = |row: usize, value: f64| {
-                let (a, b) = (map[(row, 0)] - value * map[(2, 0)], map[(row, 1)] - value * map[(2, 1)]);
-                [
-                    (a * by_pixel[(0, 0)] + b * by_pixel[(1, 0)]) * inverse,
-                    (a * by_pixel[(0, 1)] + b * by_pixel[(1, 1)]) * inverse,
-                ]
-            };
-            let (p, q) = (slope(0, u), slope(1, v));
-            let product = |a: [f64; 2], b: [f64; 2]| [a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[1] * b[1]];
-            let (pp, pq, qq) = (product(p, p), product(p, q), product(q, q));
-            let across = |of: [f64; 3]| xx * of[0] + xy * of[1] + yy * of[2];
-            let shade = self.print.shade([u, v], [across(pp), across(pq), across(qq)], &mut near);
+        for pixel in pixels {
+            let Placed { place: [u, v], products: [pp, pq, qq], shade } = self.placed(pixel, &map, blur, &mut near);
+            let Pixel { light: [_, x, y], value, .. } = pixel;
             let b = shade.value;
             squares += value * value;
             let (even, form) = (light[3] + light[0] * b, [x * x, x * y, y * y]);
@@ -355,6 +356,42 @@ impl Patch {
         cost.is_finite().then_some(Estimate { map, blur, light: best, equations })
     }
 
+    /// Returns where `map` has the pixel on the print, and the shade of the blurred print there.
+    fn placed(&self, pixel: &Pixel, map: &Matrix3<f64>, blur: Variance, near: &mut NearLines) -> Placed {
+        let by_pixel = &pixel.by_pixel;
+        let at = map * pixel.place.push(1.0);
+        let inverse = 1.0 / at.z;
+        let (u, v) = (at.x * inverse, at.y * inverse);
+        let slope = |row: usize, value: f64| {
+            let (a, b) = (map[(row, 0)] - value * map[(2, 0)], map[(row, 1)] - value * map[(2, 1)]);
+            [
+                (a * by_pixel[(0, 0)] + b * by_pixel[(1, 0)]) * inverse,
+                (a * by_pixel[(0, 1)] + b * by_pixel[(1, 1)]) * inverse,
+            ]
+        };
+        let (p, q) = (slope(0, u), slope(1, v));
+        let product = |a: [f64; 2], b: [f64; 2]| [a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[1] * b[1]];
+        let products = [product(p, p), product(p, q), product(q, q)];
+        let across = products.map(|of| blur[0] * of[0] + blur[1] * of[1] + blur[2] * of[2]);
+        Placed { place: [u, v], products, shade: self.print.shade([u, v], across, near) }
+    }
+
+    /// Returns the residuals of the pixels.
+    fn residuals(&self, best: &Estimate, pixels: &[Pixel]) -> Vec<PixelResidual> {
+        let light = &best.light;
+        let mut near = NearLines::default();
+        let residual = |pixel: &Pixel| {
+            let b = self.placed(pixel, &best.map, best.blur, &mut near).shade.value;
+            let [_, x, y] = pixel.light;
+            let form = light[6] * x * x + light[7] * x * y + light[8] * y * y;
+            let even = light[3] + light[0] * b;
+            let slopes = (light[1] * b + light[4]) * x + (light[2] * b + light[5]) * y;
+            let value = even * (1.0 + form) + slopes + light[9] * (1.0 - b * b);
+            PixelResidual { pixel: pixel.number, value: value as f32, error: (pixel.value - value) as f32 }
+        };
+        pixels.iter().map(residual).collect()
+    }
+
     /// Returns the points, unless they are uncertain or far from where the map `start` has them.
     fn fitted(&self, best: &Estimate, pixels: &[Pixel], plane: &Plane, start: &Matrix3<f64>) -> Option<FittedPoints> {
         let (inverse, start) = (best.map.try_inverse()?, start.try_inverse()?);
@@ -387,7 +424,8 @@ impl Patch {
         let residual = variance.sqrt() / contrast;
         let [xx, _, yy] = best.blur;
         let sigma = (squares / self.points.len() as f64).sqrt();
-        let fitted = FittedPoints { points, sigma, blur: (0.5 * (xx + yy)).sqrt(), residual };
+        let of_pixels = self.residuals(best, pixels);
+        let fitted = FittedPoints { points, sigma, blur: (0.5 * (xx + yy)).sqrt(), residual, of_pixels };
         let [low, high] = range(pixels);
         let is_visible = contrast >= LEAST_CONTRAST * (high - low);
         (is_visible && fitted.sigma.is_finite() && (0.0..=MOST_RESIDUAL).contains(&residual)).then_some(fitted)

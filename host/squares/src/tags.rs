@@ -54,6 +54,8 @@ const NEIGHBOURHOOD: f64 = 1.6;
 const MOST_MISSING: usize = 1;
 /// Smallest correlation of a tag that is found alone.
 const LEAST_ALONE: f32 = 0.75;
+/// The search ends early if at least this number of tags was found for each missing one next to them.
+const FOUND_PER_MISSING: usize = 2;
 /// If this number of tags is found at expected positions, or among large candidates, other candidates are not searched.
 const ENOUGH: usize = 3;
 /// Greatest gain of correlation by the alignment of a tag whose position is known from another picture of the same moment.
@@ -342,7 +344,11 @@ impl TagFinder {
             }
             disagreeing += self.leave_out_disagreeing(&mut found);
             quads.extend(of_scale);
-            if found.iter().flatten().count() >= enough {
+            // If most tags next to those found are not where these predict them (a fisheye bends the board), they may be
+            // among the quadrilaterals of another size.
+            if found.iter().flatten().count() >= enough
+                && FOUND_PER_MISSING * self.grow(&smooth, &mut found) <= found.iter().flatten().count()
+            {
                 break;
             }
         }
@@ -790,8 +796,12 @@ fn side_of(quad: &Quad) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use evcal_core::camera::{Camera, ModelKind};
+    use evcal_geometry::board::squares::SquareBoard;
+    use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+
     use super::*;
-    use crate::rendering::{TagGrid, View, noisy};
+    use crate::rendering::{Light, Random, Shot, TagGrid, View, noisy};
 
     /// An AprilGrid as Kalibr prints it.
     const KALIBR: TagGrid =
@@ -931,5 +941,32 @@ mod tests {
         tags[3].side = 7;
         assert_eq!(TagFinder::new(&tags).unwrap_err(), TagsError::Modules { id: 3, side: 8 });
         assert_eq!(TagFinder::new(&[]).unwrap_err(), TagsError::NoTags);
+    }
+
+    /// The tags of the first size were found, and those next to them were not where a homography predicted them; the other
+    /// sizes were not searched.
+    #[test]
+    fn a_tilted_board_is_found_through_a_fisheye() {
+        let board: SquareBoard = "charuco:5x7:30mm:22mm:DICT_5X5_100".parse().unwrap();
+        let parameters = [150.0, 149.5, 174.0, 131.0, 0.02, -0.01, 0.004, -0.001];
+        let camera = Camera::from_parameters(ModelKind::KannalaBrandt, &parameters).unwrap();
+        let (raster, finder) = (board.raster(), TagFinder::new(&board.tags()).unwrap());
+        let mut random = Random::new(3);
+        let light = Light { noise: 0.0125, ..Light::EVEN };
+        // Places of the camera, and its rotations as quaternions (i, j, k, w).
+        let views = [
+            ([0.1417, 0.1055, -0.0911], [0.2146, -0.4138, 0.3088, 0.829]),
+            ([0.1211, 0.0940, -0.0921], [0.1229, -0.2108, 0.3584, 0.9011]),
+            ([0.1000, 0.0901, -0.0918], [0.0976, 0.0099, 0.3689, 0.9243]),
+            ([0.0696, 0.0779, -0.0998], [-0.1267, 0.3188, 0.2677, 0.9004]),
+        ];
+        for (place, [i, j, k, w]) in views {
+            let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+            let pose = Isometry3::from_parts(Translation3::from(place), rotation).inverse();
+            let shot = Shot { raster: &raster, camera, pose };
+            let picture = shot.render(Vector2::new(172.5, 129.5), 180.0, &light, &mut random).picture;
+            let found = finder.find(&picture, &[]);
+            assert!(found.as_ref().is_ok_and(|found| found.len() >= 6), "{place:?}: {found:?}");
+        }
     }
 }

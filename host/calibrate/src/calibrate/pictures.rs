@@ -24,7 +24,8 @@ use crate::task::error::CalibrateError;
 use crate::task::input::Input;
 use crate::task::progress::Progress;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
-use evcal_detection::detection::pictures::corner_fits::CornerFits;
+use evcal_detection::detection::pictures::pixel_pattern::PixelPattern;
+use evcal_detection::detection::pictures::point_fits::{KnownCamera, PointFits};
 use evcal_detection::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
 use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_solve::initial::model_choice::{ModelChoice, ModelRequest, USUAL};
@@ -156,10 +157,11 @@ fn visit_pictures(input: &Input, visit: &mut dyn FnMut(TimedImage)) -> Result<Op
     }
 }
 
-/// Largest number of calibrations from the same pictures, each with the corners of squares as seen through the lens of
-/// the one before.
+/// Largest and smallest number of calibrations from the same pictures, each with the points measured with the lens and the
+/// pixels' pattern of the one before. The third is the first with a pattern.
 const MOST_PASSES: usize = 7;
-/// The corners are final if the camera's last change, as a share of its uncertainty, is less than this. The error of a lens
+const FEWEST_PASSES: usize = 3;
+/// The points are final if the camera's last change, as a share of its uncertainty, is less than this. The error of a lens
 /// shifts corners alike in all pictures, so the scatter between pictures does not show what is left of it. It becomes
 /// about ten times smaller with each pass.
 const LEAST_CHANGE: f64 = 0.2;
@@ -188,14 +190,16 @@ fn picture_calibration(
         calibrate_pictures(frames, report, task.board, sensor, model, initial, fixed)
     };
     let mut calibrated = calibrate(frames, report);
-    let fits = corner_fits(task, source);
-    for _ in 1..MOST_PASSES {
+    let fits = point_fits(task, source);
+    let mut pattern = PixelPattern::none(sensor);
+    for pass in 2..=MOST_PASSES {
         let (Some(fits), Ok(before)) = (&fits, &mut calibrated) else { break };
         let mut frames = std::mem::take(&mut before.frames);
-        fit_corners_again(task, fits, &before.camera, sensor, &mut frames, &numbers, progress)?;
+        let known = KnownCamera::new(&before.camera, sensor, &pattern);
+        pattern = measure_again(task, fits, &known, &mut frames, &numbers, progress)?;
         let (camera, report) = (before.camera, before.report.detection.clone());
         calibrated = calibrate(frames, report);
-        if calibrated.as_ref().is_ok_and(|now| is_settled(&camera, now, sensor)) {
+        if pass >= FEWEST_PASSES && calibrated.as_ref().is_ok_and(|now| is_settled(&camera, now, sensor)) {
             break;
         }
     }
@@ -209,21 +213,24 @@ fn is_settled(before: &Camera<f64>, now: &PictureCalibration, sensor: Sensor) ->
     matches!((change, expected), (Ok(change), Ok(expected)) if change.rms < LEAST_CHANGE * expected.rms)
 }
 
-/// Returns the fits of the corners; `None` for a board of circles, or if the pictures are made of events.
-fn corner_fits(task: &Task, source: PictureSource) -> Option<CornerFits> {
-    if source == PictureSource::Frames { CornerFits::new(task.board) } else { None }
+/// Returns the fits of points; `None` if the pictures are made of events.
+fn point_fits(task: &Task, source: PictureSource) -> Option<PointFits> {
+    match source {
+        PictureSource::Frames => PointFits::new(task.board, task.settings.frames.max_radius),
+        PictureSource::StillViews => None,
+    }
 }
 
-/// Fits the corners in all frames again, through the lens of `camera`.
-fn fit_corners_again(
+/// Measures the points in all frames again with the `known` camera. Returns the pattern of its pixels.
+fn measure_again(
     task: &Task,
-    fits: &CornerFits,
-    camera: &Camera<f64>,
-    sensor: Sensor,
+    fits: &PointFits,
+    known: &KnownCamera<'_>,
     frames: &mut [ReferenceFrame],
     numbers: &[usize],
     progress: &Progress,
-) -> Result<(), CalibrateError> {
+) -> Result<PixelPattern, CalibrateError> {
+    let mut pattern = PixelPattern::none(known.sensor());
     let mut numbers = numbers;
     // Frames are in the order of the recordings.
     for frames in frames.chunk_by_mut(|a, b| a.recording == b.recording) {
@@ -231,10 +238,11 @@ fn fit_corners_again(
         numbers = rest;
         let input = frames.first().and_then(|frame| task.inputs.get(frame.recording));
         let Some(input) = input.filter(|input| may_contain_pictures(input)) else { continue };
-        progress.report(format!("corners of squares in {}", input.short_name()))?;
-        fits.fit_again(camera, sensor, frames, of_recording, |visit| visit_pictures(input, visit))?;
+        progress.report(format!("{} in {}", fits.points(), input.short_name()))?;
+        let hand_on = |visit: &mut dyn FnMut(TimedImage)| visit_pictures(input, visit);
+        fits.measure_again(known, &mut pattern, frames, of_recording, hand_on)?;
     }
-    Ok(())
+    Ok(pattern.estimated())
 }
 
 /// Compares the result from events with the one from pictures.
@@ -343,7 +351,7 @@ pub(super) fn calibrate_seen(
     let (mut model, mut model_choice) = choose(&seen.frames)?;
     let numbers = seen.numbers.clone();
     let mut calibration = calibrate_with(seen, model)?;
-    if model_choice.is_some() && corner_fits(task, source).is_some() {
+    if model_choice.is_some() && source == PictureSource::Frames && task.board.circles().is_none() {
         // The bias of the first corners may have decided the choice.
         let first = model;
         (model, model_choice) = choose(&calibration.frames)?;

@@ -3,15 +3,16 @@
 //!
 //! A residual is the predicted centre of area of a dot's image ([`CircleImage`]) minus the measured one.
 //!
-//! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. So the
-//! covariance comes from the jackknife over pictures (Efron 1982): with the border S = Σ S_f after elimination and the picture's
-//! gradient g_f, leaving out picture f moves the parameters by δ_f = (S − S_f)⁻¹ g_f.
+//! With the information Σ S_f of the pictures after elimination of their poses, the weights W of the prior against residuals of
+//! variance σ², and S = Σ S_f + W, the covariance is σ² S⁻¹ (κ Σ S_f + W) S⁻¹. What the pictures do not determine, the prior does,
+//! and its error does not show between pictures.
 //!
-//! Pictures share the fixed pattern of the pixels (offset and sensitivity of each): where two of them show a dot on the same
-//! pixels, their errors are the same. So the covariance is (n − 1) / n Σ_fg κ_fg δ_f δ_gᵀ with κ = exp(−d² / 2 s²); d is the
-//! distance of the board's images in the two pictures (rms over its points), s the distance over which the error of a point
-//! changes (as in Conley 1999). The prior of the distortion, with weights W against residuals of variance σ², adds
-//! S⁻¹ σ² W S⁻¹: what the pictures do not determine, the prior does, and its error does not show between pictures.
+//! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. κ tells how much
+//! this increases the variance, on average over the parameters. It comes from the jackknife over pictures (Efron 1982): leaving
+//! out picture f with the gradient g_f moves the parameters by δ_f = (S − S_f)⁻¹ g_f; with independent errors, the expectation of
+//! δ_fᵀ S δ_f is σ² tr (S − S_f)⁻¹ S_f, and κ is the ratio of the sums of both. The jackknife's own covariance would be that of
+//! a few pictures for what only these determine, such as the distortion in a corner of the image. Pictures of a board at rest
+//! have the same errors of the pixels, so they are left out together.
 
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
@@ -68,13 +69,8 @@ pub struct PictureBundle {
 
 /// Number of passes, each with the spread from the previous one.
 const PASSES: usize = 3;
-/// Distance over which the error of a dot's centre of area changes, as a share of its radius: the error is the first moment of
-/// the pattern of the pixels within a disc, and the moments of two discs are uncorrelated if their centres are a radius apart.
-const SHARED_PATTERN: f64 = 0.5;
-/// Smallest such distance, that of a point: the width of a blurred edge (px).
-const EDGE_WIDTH: f64 = 1.0;
-/// Largest number of points by which the places of the board in two pictures are compared.
-const COMPARED_POINTS: usize = 16;
+/// Distance between dots below which the board is in the same place: the width of a blurred edge (px).
+const SAME_PLACE: f64 = 1.0;
 /// Smallest spread that is used (px).
 const SMALLEST_SPREAD: f64 = 0.002;
 
@@ -104,47 +100,25 @@ fn residuals(target: &Target<'_, SeenDot>, estimate: &Estimate) -> Vec<Vector2<f
     target.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
 }
 
-/// Places of the board in the pictures.
-struct Places {
-    /// For each picture the positions of the same points of the board (px); `None` if one is outside the lens's domain.
-    points: Vec<Option<Vec<Vector2<f64>>>>,
-    /// Distance over which the error of a point changes (px).
-    reach: f64,
-}
-
-impl Places {
-    fn new(views: &[PictureView], estimate: &Estimate) -> Self {
-        let mut objects: Vec<Vector2<f64>> = views.iter().flat_map(|view| &view.dots).map(|dot| dot.object).collect();
-        objects.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-        objects.dedup();
-        let compared: Vec<_> = objects.iter().step_by(objects.len().div_ceil(COMPARED_POINTS).max(1)).collect();
-        let place = |pose: &Isometry3<f64>| {
-            let pixel = |object: &&Vector2<f64>| circle_image_center(&estimate.camera, pose, **object, 0.0);
-            compared.iter().map(pixel).collect::<Option<Vec<_>>>()
-        };
-        // Radii of the dots (px), from the scatter of their centres in the picture and on the board.
-        let scatter = |points: &[Vector2<f64>]| {
-            let mean = points.iter().sum::<Vector2<f64>>() / points.len().max(1) as f64;
-            points.iter().map(|point| (point - mean).norm_squared()).sum::<f64>().sqrt()
-        };
-        let radius = |view: &PictureView| {
-            let (objects, images): (Vec<_>, Vec<_>) = view.dots.iter().map(|dot| (dot.object, dot.image)).unzip();
-            Some(view.dots.first()?.radius * scatter(&images) / scatter(&objects))
-        };
-        let mut radii: Vec<f64> = views.iter().filter_map(radius).collect();
-        let radius = median(&mut radii, f64::total_cmp).unwrap_or(0.0);
-        Self { points: estimate.poses.iter().map(place).collect(), reach: EDGE_WIDTH.max(SHARED_PATTERN * radius) }
-    }
-
-    /// Returns the correlation of the errors that the fixed pattern of the pixels causes in two pictures.
-    fn shared_pattern(&self, one: usize, other: usize) -> f64 {
-        if one == other {
-            return 1.0;
+/// Returns the number of the place of the board in each picture: a board at rest stays in its place.
+fn places(views: &[PictureView], estimate: &Estimate) -> Vec<usize> {
+    let pixel = |pose: &Isometry3<f64>, dot: &SeenDot| circle_image_center(&estimate.camera, pose, dot.object, 0.0);
+    let stays = |dots: &[SeenDot], from: &Isometry3<f64>, to: &Isometry3<f64>| {
+        let moved = |dot: &SeenDot| Some((pixel(from, dot)? - pixel(to, dot)?).norm_squared());
+        let moved: Vec<f64> = dots.iter().filter_map(moved).collect();
+        moved.iter().sum::<f64>() < SAME_PLACE * SAME_PLACE * moved.len() as f64
+    };
+    let mut places = Vec::with_capacity(views.len());
+    let mut place = 0;
+    let mut first = None;
+    for (view, pose) in views.iter().zip(&estimate.poses) {
+        if !first.is_some_and(|first| stays(&view.dots, first, pose)) {
+            place += usize::from(first.is_some());
+            first = Some(pose);
         }
-        let (Some(Some(a)), Some(Some(b))) = (self.points.get(one), self.points.get(other)) else { return 0.0 };
-        let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b).norm_squared()).sum();
-        libm::exp(-0.5 * squares / (a.len().max(1) as f64 * self.reach * self.reach))
+        places.push(place);
     }
+    places
 }
 
 /// Inverts a symmetric positive definite matrix; `None` if it is not positive definite.
@@ -206,37 +180,40 @@ pub fn picture_bundle(
         Some((border, (view.border_gradient - eliminated.gradient).rows(0, count).into_owned()))
     };
     let eliminated: Vec<(DMatrix<f64>, DVector<f64>)> = linear.iter().map(of_view).collect::<Option<_>>()?;
-    let mut border = DMatrix::zeros(count, count);
+    let mut information = DMatrix::zeros(count, count);
     for (of_view, _) in &eliminated {
-        border += of_view;
+        information += of_view;
     }
     let weights = target.prior.equations(&estimate.camera, &free).weights;
     let weights = DMatrix::from_diagonal(&DVector::from_column_slice(weights.rows(0, count).as_slice()));
-    border += &weights;
+    let mut border = &information + &weights;
     for (index, free) in free.iter().enumerate().take(count) {
         // A fixed parameter does not move.
         border[(index, index)] += f64::from(u8::from(!free));
     }
-    let moved = |(of_view, gradient): &(DMatrix<f64>, DVector<f64>)| Some(inverse(&(&border - of_view))? * gradient);
-    let moved: Vec<DVector<f64>> = eliminated.iter().map(moved).collect::<Option<_>>()?;
-    let mut covariance = DMatrix::zeros(count, count);
-    let places = Places::new(views, &estimate);
-    for (view, one) in moved.iter().enumerate() {
-        // The sum of all pictures' shifts, each with its share of the pattern.
-        let mut shared = DVector::zeros(count);
-        for (other, shift) in moved.iter().enumerate() {
-            let share = places.shared_pattern(view, other);
-            if share > 0.0 {
-                shared.axpy(share, shift, 1.0);
-            }
+    // Pictures of one place together.
+    let mut blocks: Vec<(DMatrix<f64>, DVector<f64>)> = Vec::new();
+    for ((of_view, gradient), place) in eliminated.into_iter().zip(places(views, &estimate)) {
+        match blocks.get_mut(place) {
+            Some((of_block, sum)) => (*of_block, *sum) = (&*of_block + of_view, &*sum + gradient),
+            None => blocks.push((of_view, gradient)),
         }
-        covariance += one * shared.transpose();
     }
-    let frames = views.len() as f64;
-    covariance *= (frames - 1.0) / frames;
+    if blocks.len() < 2 {
+        return None;
+    }
+    // The squares of the parameters' shifts without one block, in terms of the uncertainty, and as independent errors make them.
+    let (mut shifts, mut expected) = (0.0, 0.0);
+    for (of_block, gradient) in &blocks {
+        let without = inverse(&(&border - of_block))?;
+        let moved = &without * gradient;
+        shifts += moved.dot(&(&border * &moved));
+        expected += (without * of_block).trace();
+    }
     let variance = squares / freedom as f64;
     let unscaled = inverse(&border)?;
-    covariance += &unscaled * weights * &unscaled * variance;
+    let dependence = (shifts / (variance * expected)).max(1.0);
+    let covariance = &unscaled * (information * dependence + weights) * &unscaled * variance;
     let inflation = (&border * &covariance).trace() / (estimated as f64 * variance);
     let mut distances: Vec<f64> = residuals.iter().map(|residual| residual.norm()).collect();
     let square: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();

@@ -1,7 +1,11 @@
-//! Search for the board in the camera's own pictures: dark spots, dots, search; corners of squares with the lens.
+//! Search for the board in the camera's own pictures: dark spots, dots, search; then points measured again, with the lens
+//! and without the pattern of the pixels.
 
-pub mod corner_fits;
+mod corner_fits;
 pub mod dark_spots;
 pub mod dot;
+mod dot_fits;
+pub mod pixel_pattern;
+pub mod point_fits;
 pub mod search;
 pub mod settings;

@@ -122,10 +122,10 @@ fn calibrate_seen_board(events: Vec<Event>, board: &Board, pictures: PictureUse)
 fn errors_from_a_blinking_board_are_within_the_reported_uncertainty() {
     for (board, seed) in [("checkerboard:5x8:25mm", 3), ("circles:5x8:25mm:r8mm", 4)] {
         let board: Board = board.parse().unwrap();
-        let calibrated = blinking(&board, &board, 12, seed).unwrap();
+        let calibrated = blinking(&board, &board, 16, seed).unwrap();
         let report = calibrated.picture_report().unwrap();
-        assert_eq!((report.source, report.detection.frames), (PictureSource::StillViews, 12), "{board}");
-        assert!(report.used >= 10, "{board}: {} views used", report.used);
+        assert_eq!((report.source, report.detection.frames), (PictureSource::StillViews, 16), "{board}");
+        assert!(report.used >= 14, "{board}: {} views used", report.used);
         let difference = projection_difference(&truth(), calibrated.camera(), SENSOR).unwrap();
         let stated = calibrated.quality.projection.rms_95;
         assert!(difference.rms < stated && stated < 0.3, "{board}: {} of {stated} px", difference.rms);

@@ -4,23 +4,18 @@
 //! sides, its crossings by values between pixels and by the tags beside them (`evcal_squares::print_fit`). Once a first
 //! lens is known, the pictures are read again and the corners are fitted with it.
 
-use evcal_core::camera::Camera;
-use evcal_core::sensor::Sensor;
+use evcal_geometry::board::SquareBoard;
 use evcal_geometry::board::squares::{Charuco, Checkerboard};
-use evcal_geometry::board::{Board, SquareBoard};
 use evcal_squares::bearings::Bearings;
-use evcal_squares::picture::Picture;
+use evcal_squares::picture::{Picture, PixelResidual};
 use evcal_squares::print_fit::{PrintFits, SeenPoint};
-use event_recordings::pictures::TimedImage;
 use nalgebra::Vector2;
-use rayon::prelude::*;
 
-use super::search::PICTURES_TOGETHER;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use crate::detection::square_finder::tag_points;
 
 /// Fits the corners on a board of squares.
-pub struct CornerFits {
+pub(super) struct CornerFits {
     fits: PrintFits,
     parts: Vec<FittedPart>,
     /// Positions of the points on the board (m).
@@ -36,9 +31,8 @@ struct FittedPart {
 }
 
 impl CornerFits {
-    /// Prepares the fits; `None` for a board of circles.
-    pub fn new(board: &Board) -> Option<Self> {
-        let Board::Squares(squares) = board else { return None };
+    /// Prepares the fits; `None` if a tag has not four points.
+    pub(super) fn new(squares: &SquareBoard) -> Option<Self> {
         let raster = squares.raster();
         let points = squares.points();
         let (fits, parts) = match squares {
@@ -63,46 +57,16 @@ impl CornerFits {
         Some(Self { fits, parts, board: points })
     }
 
-    /// Fits the corners in `frames` again through the lens of `camera`. All frames are of one recording, whose pictures
-    /// `hand_on` passes in order of time; `numbers` contains the number of the picture of each frame. What cannot be
-    /// fitted is left out.
-    ///
-    /// # Errors
-    /// Errors of `hand_on`.
-    pub fn fit_again<T, E>(
+    /// Returns the corners of `frame` in its picture, whose first pixel is at `position` of the sensor with this `lens`.
+    /// What cannot be fitted is left out. Adds the residuals of the pixels to `residuals`.
+    pub(super) fn corners(
         &self,
-        camera: &Camera<f64>,
-        sensor: Sensor,
-        frames: &mut [ReferenceFrame],
-        numbers: &[usize],
-        hand_on: impl FnOnce(&mut dyn FnMut(TimedImage)) -> Result<T, E>,
-    ) -> Result<(), E> {
-        let lens = Bearings::new(camera, sensor.width.into(), sensor.height.into());
-        let mut pending = frames.iter_mut().zip(numbers).peekable();
-        let mut number = 0;
-        let mut waiting: Vec<(TimedImage, &mut ReferenceFrame)> = Vec::new();
-        let fit = |waiting: &mut Vec<(TimedImage, &mut ReferenceFrame)>| {
-            waiting.par_iter_mut().for_each(|(image, frame)| frame.circles = self.corners(image, frame, &lens));
-            waiting.clear();
-        };
-        hand_on(&mut |image| {
-            if let Some((frame, _)) = pending.next_if(|(_, of_frame)| **of_frame == number) {
-                waiting.push((image, frame));
-            }
-            number += 1;
-            if waiting.len() >= PICTURES_TOGETHER {
-                fit(&mut waiting);
-            }
-        })?;
-        fit(&mut waiting);
-        Ok(())
-    }
-
-    /// Returns the corners in `frame`.
-    fn corners(&self, image: &TimedImage, frame: &ReferenceFrame, lens: &Bearings) -> Vec<ObservedCircle> {
-        let Ok(grey) = &image.image else { return Vec::new() };
-        let Some(picture) = Picture::from_bytes(grey.width(), grey.height(), &grey.pixels) else { return Vec::new() };
-        let position = [image.position.0, image.position.1].map(usize::from);
+        picture: &Picture,
+        position: [usize; 2],
+        frame: &ReferenceFrame,
+        lens: &Bearings,
+        residuals: &mut Vec<PixelResidual>,
+    ) -> Vec<ObservedCircle> {
         let origin = Vector2::from(position.map(|place| place as f64));
         let mut by_point: Vec<Option<&ObservedCircle>> = vec![None; self.board.len()];
         for circle in &frame.circles {
@@ -119,7 +83,8 @@ impl CornerFits {
             seen.extend(part.from.iter().filter_map(circle).filter_map(|circle| {
                 Some(SeenPoint { board: *self.board.get(circle.index)?, pixel: circle.center - origin })
             }));
-            let Some(fitted) = self.fits.fit(&picture, position, Some(lens), number, &seen) else { continue };
+            let Some(fitted) = self.fits.fit(picture, position, Some(lens), number, &seen) else { continue };
+            residuals.extend(fitted.of_pixels);
             let moved = found.into_iter().zip(fitted.points);
             circles.extend(moved.map(|(corner, at)| ObservedCircle { center: at + origin, ..*corner }));
         }

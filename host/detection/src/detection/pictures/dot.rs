@@ -11,8 +11,9 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::dark_spots::{DarkSpot, SMALLEST_CONTRAST};
+use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::statistics::{SIGMA_BY_MEDIAN, median};
-use event_recordings::pictures::GreyImage;
+use evcal_squares::picture::{Picture, PixelResidual};
 
 /// A dot of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +56,12 @@ const CORE: f64 = 0.4;
 /// Largest scatter of the light around a dot, as a share of the dot's contrast.
 const MOST_UNEVEN: f64 = 0.15;
 
+/// Smallest and largest outer end of the surroundings of a dot, in radii of the dot.
+const REACH: [f64; 2] = [1.2, 3.0];
+/// Width of a dot's rim, in standard deviations of its blur to each side, and the least (px).
+const RIM: f64 = 3.0;
+const LEAST_RIM: f64 = 1.5;
+
 /// The paper around a dot, by which its light is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Surroundings {
@@ -68,6 +75,11 @@ pub struct Surroundings {
 }
 
 impl Surroundings {
+    /// For the dots of a board in pictures: halfway to the rim of the next dot.
+    pub fn on(board: &CircleBoard) -> Self {
+        Self::new((0.5 * board.neighbour_distance() / board.radius).clamp(REACH[0], REACH[1]))
+    }
+
     /// For dots of pictures; `reach` is the outer end, in radii: halfway to the rim of the next dot.
     pub fn new(reach: f64) -> Self {
         Self { inner: 1.0 + INNER_SHARE * (reach - 1.0), outer: reach, least_scatter: SMALLEST_SCATTER }
@@ -75,7 +87,7 @@ impl Surroundings {
 }
 
 /// Measures the dot at `spot`.
-pub fn measure(image: &GreyImage, spot: &DarkSpot, surroundings: &Surroundings) -> Result<Dot, NoDot> {
+pub fn measure(image: &Picture, spot: &DarkSpot, surroundings: &Surroundings) -> Result<Dot, NoDot> {
     let inverse = spot.shape.try_inverse().ok_or(NoDot::LowContrast)?;
     let mut center = spot.center;
     let mut measured = Err(NoDot::LowContrast);
@@ -86,6 +98,45 @@ pub fn measure(image: &GreyImage, spot: &DarkSpot, surroundings: &Surroundings) 
         measured = Ok(dot);
     }
     measured
+}
+
+/// Returns the residuals of the pixels beside the rim of a `dot` that was measured at `spot`: those of the paper, and those of
+/// the dot's middle.
+pub fn pixel_residuals(
+    picture: &Picture,
+    spot: &DarkSpot,
+    dot: &Dot,
+    surroundings: &Surroundings,
+) -> Vec<PixelResidual> {
+    let Some(inverse) = spot.shape.try_inverse() else { return Vec::new() };
+    let window = Window { center: dot.center, inverse, shape: spot.shape, surroundings: *surroundings };
+    let pixels: Vec<_> = window.pixels(picture).collect();
+    let ring = pixels.iter().filter(|(_, distance, _)| *distance > surroundings.inner);
+    let ring: Vec<_> = ring.map(|(place, _, value)| (*place, *value)).collect();
+    let Some(paper) = Window::paper(&ring, surroundings.least_scatter) else { return Vec::new() };
+    let light = |place: &Vector2<f64>| paper.plane.dot(&place.push(1.0));
+    let rim = (RIM * dot.blur).max(LEAST_RIM) / spot.half_axes().1;
+    let inside = || pixels.iter().filter(|(_, distance, _)| *distance < 1.0 - rim);
+    let dark = inside().map(|(place, _, value)| value / light(place)).sum::<f64>() / inside().count().max(1) as f64;
+    let residual = |(place, distance, value): &(Vector2<f64>, f64, f64)| {
+        let share = if *distance < 1.0 - rim {
+            dark
+        } else if *distance > 1.0 + rim {
+            1.0
+        } else {
+            return None;
+        };
+        let expected = share * light(place);
+        let error = value - expected;
+        let pixel = place + dot.center;
+        let number = pixel.y.round() as usize * picture.width() + pixel.x.round() as usize;
+        (error.abs() <= OUTLIER * paper.scatter).then_some(PixelResidual {
+            pixel: number as u32,
+            value: expected as f32,
+            error: error as f32,
+        })
+    };
+    pixels.iter().filter_map(residual).collect()
 }
 
 /// Distance from the paper's light, in standard deviations, beyond which a pixel does not belong to the paper.
@@ -111,7 +162,7 @@ struct Window {
 
 impl Window {
     /// Returns the pixels within `outer`: position relative to the centre, distance in radii, value.
-    fn pixels<'a>(&self, image: &'a GreyImage) -> impl Iterator<Item = (Vector2<f64>, f64, f64)> + use<'a> {
+    fn pixels<'a>(&self, image: &'a Picture) -> impl Iterator<Item = (Vector2<f64>, f64, f64)> + use<'a> {
         let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.surroundings.outer;
         // Casts saturate: positions left of or above the image become 0.
         let range = |low: f64, high: f64, size: usize| {
@@ -125,12 +176,12 @@ impl Window {
         rows.flat_map(move |y| columns.clone().map(move |x| (x, y))).filter_map(move |(x, y)| {
             let place = Vector2::new(x as f64, y as f64) - center;
             let distance = place.dot(&(inverse * place)).max(0.0).sqrt();
-            let value = image.get(x, y)?;
-            (distance <= outer).then(|| (place, distance, f64::from(value)))
+            let value = image.values().get(y * image.width() + x)?;
+            (distance <= outer).then(|| (place, distance, f64::from(*value)))
         })
     }
 
-    fn inside(&self, image: &GreyImage) -> bool {
+    fn inside(&self, image: &Picture) -> bool {
         let half = Vector2::new(self.shape[(0, 0)].sqrt(), self.shape[(1, 1)].sqrt()) * self.surroundings.inner;
         let (low, high) = (self.center - half, self.center + half);
         let (right, bottom) = (image.width() as f64 - 1.0, image.height() as f64 - 1.0);
@@ -167,7 +218,7 @@ impl Window {
         (foreign as f64 <= FOREIGN_SHARE * ring.len() as f64).then_some(Paper { plane, scatter })
     }
 
-    fn measure(&self, image: &GreyImage) -> Result<Dot, NoDot> {
+    fn measure(&self, image: &Picture) -> Result<Dot, NoDot> {
         if !self.inside(image) {
             return Err(NoDot::CutByBorder);
         }
@@ -225,6 +276,7 @@ fn perimeter(shape: &Matrix2<f64>) -> f64 {
 mod tests {
     use super::super::dark_spots::dark_spots;
     use super::*;
+    use event_recordings::pictures::GreyImage;
 
     /// An ellipse at `center` with half axes (9, 5), blurred by a Gaussian, on paper that gets lighter to the right.
     fn picture(center: Vector2<f64>, sigma: f64, wall: Option<u8>) -> GreyImage {
@@ -255,7 +307,8 @@ mod tests {
     }
 
     fn dots(image: &GreyImage) -> Vec<Result<Dot, NoDot>> {
-        dark_spots(image, 40.0).iter().map(|spot| measure(image, spot, &Surroundings::new(2.2))).collect()
+        let picture = Picture::from_bytes(image.width(), image.height(), &image.pixels).unwrap();
+        dark_spots(image, 40.0).iter().map(|spot| measure(&picture, spot, &Surroundings::new(2.2))).collect()
     }
 
     #[test]

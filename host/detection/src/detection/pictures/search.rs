@@ -20,9 +20,7 @@ use evcal_geometry::numerics::statistics::median;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
 /// Number of pictures that are searched together.
-pub(super) const PICTURES_TOGETHER: usize = 64;
-/// Smallest and largest outer end of the surroundings of a dot, in radii of the dot.
-const REACH: [f64; 2] = [1.2, 3.0];
+const PICTURES_TOGETHER: usize = 64;
 /// Largest blur of the dots' edges (median of a picture), as the standard deviation of a Gaussian (px).
 const MOST_BLURRED: f64 = 2.5;
 
@@ -248,18 +246,19 @@ impl CircleTarget<'_> {
             Ok(image) => image,
             Err(reason) => return Searched { board: Err((*reason).into()), dots: 0, dots_refused: Vec::new() },
         };
+        let Some(grey) = Picture::from_bytes(image.width(), image.height(), &image.pixels) else {
+            return Searched { board: Err(NoBoard::NotGrey), dots: 0, dots_refused: Vec::new() };
+        };
         let spots = dark_spots(image, self.largest_radius);
         let spots: Vec<(DarkSpot, Result<Dot, NoDot>)> =
-            spots.into_iter().map(|spot| (spot, self.measure(image, &spot))).collect();
+            spots.into_iter().map(|spot| (spot, self.measure(&grey, &spot))).collect();
         let dots_refused: Vec<NoDot> = spots.iter().filter_map(|(_, dot)| dot.err()).collect();
         let dots = (spots.len() - dots_refused.len()) as u64;
         Searched { board: self.find_board(image, &spots, finder), dots, dots_refused }
     }
 
-    fn measure(&self, image: &GreyImage, spot: &DarkSpot) -> Result<Dot, NoDot> {
-        // Halfway to the rim of the next dot, in radii.
-        let reach = (0.5 * self.board.neighbour_distance() / self.board.radius).clamp(REACH[0], REACH[1]);
-        let wide = Surroundings::new(reach);
+    fn measure(&self, image: &Picture, spot: &DarkSpot) -> Result<Dot, NoDot> {
+        let wide = Surroundings::on(self.board);
         match self.made_of {
             MadeOf::Light => measure(image, spot, &wide),
             MadeOf::Events => {
