@@ -199,7 +199,7 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
     let Solved { estimate, covariance, inflation, used, misfit, rms, .. } = solved;
     let cameras = [estimate.first.camera, estimate.second.camera];
     let moved = [0, 1].map(|index| {
-        let (before, sigma) = (before[index].0, &with_scale(before[index], before[1 - index]));
+        let (before, sigma) = (before[index].0, &with_other(&before, index));
         let solved = || FixedIntrinsics { camera: cameras[index], covariance: None }.distance(before, sigma);
         known.lenses[index].map_or_else(solved, |lens| lens.distance(before, sigma))
     });
@@ -224,17 +224,21 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
     calibration
 }
 
-/// Number of focal lengths among the first parameters of a camera.
-const FOCAL_LENGTHS: usize = 2;
+/// Number of parameters in pixels, with which every lens model begins: focal lengths and principal point.
+const IN_PIXELS: usize = 4;
 
-/// Returns σ of the parameters of a camera. That of its focal lengths contains the relative error of the `other` camera's, because both
-/// see the board at distances along one trajectory, whose scale the solve of both may change by as much.
-fn with_scale((camera, sigma): (&Camera<f64>, &[f64]), other: (&Camera<f64>, &[f64])) -> Vec<f64> {
-    let of_other = other.1.first().copied().unwrap_or(0.0) / other.0.parameters().first().copied().unwrap_or(1.0);
-    let (mut sigma, parameters) = (sigma.to_vec(), camera.parameters());
-    for (sigma, focal) in sigma.iter_mut().zip(&parameters).take(FOCAL_LENGTHS).filter(|(sigma, _)| **sigma > 0.0) {
-        *sigma = sigma.hypot(focal * of_other);
-    }
+/// Returns σ of the parameters of one of two cameras. It contains the errors of the other one's, because both see the board along one
+/// trajectory: errors of one lens bend the trajectory, and the solve of both adapts the other lens to it.
+fn with_other(before: &[(&Camera<f64>, &[f64]); 2], index: usize) -> Vec<f64> {
+    let ((camera, sigma), other) = (before[index], before[1 - index]);
+    let focal = |camera: &Camera<f64>| camera.parameters().first().copied().unwrap_or(1.0);
+    let scale = focal(camera) / focal(other.0);
+    let shared = if camera.kind() == other.0.kind() { sigma.len() } else { IN_PIXELS };
+    let mut sigma = sigma.to_vec();
+    let free = sigma.iter_mut().zip(other.1).take(shared).enumerate().filter(|(_, (sigma, _))| **sigma > 0.0);
+    free.for_each(|(index, (sigma, of_other))| {
+        *sigma = sigma.hypot(of_other * if index < IN_PIXELS { scale } else { 1.0 });
+    });
     sigma
 }
 

@@ -69,7 +69,7 @@ mod tests {
             // A hot pixel; an edge that returns; a pixel outside the sensor.
             events.push(event(t, 1));
             if t / 200_000 % 2 == 0 {
-                events.extend([event(t, 2); 50]);
+                events.extend((5..9).flat_map(|x| (0..10).map(move |y| Event { y, ..event(t, x) })));
             }
             events.push(event(t, 20));
         }

@@ -3,7 +3,7 @@
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
 
-use super::board_statement::board_finding;
+use super::board_statement::{board_finding, with_sigma};
 use super::settings::{
     CERTAIN_DIFFERENCE, KNOWN_TOGETHER, LARGEST_MISFIT, LARGEST_RADIUS_DIFFERENCE, OPEN_FOCAL_LENGTH, POOR, SHORTEST,
     SIGNIFICANT, SMALLEST_COVERAGE, SMALLEST_FILL, SMALLEST_TILT, SQUARE_PIXELS,
@@ -245,7 +245,7 @@ fn pixels_not_square(camera: &Camera<f64>, quality: &Quality) -> Option<Finding>
     (difference > CERTAIN_DIFFERENCE * sigma && difference > SQUARE_PIXELS * fx).then(|| Finding {
         cause: Cause::PixelsNotSquare,
         severity: Severity::Warning,
-        reason: format!("fx and fy differ by {difference:.2} ± {sigma:.2} px, but pixels are square"),
+        reason: format!("fx and fy differ by {} px, but pixels are square", with_sigma(difference, sigma)),
         advice: "tilt and rotate the board more: its print and bend are estimated, but it must be seen from all sides"
             .into(),
     })

@@ -119,7 +119,7 @@ impl Information {
                 f,
                 "hot pixels",
                 format!(
-                    "{count} with more than {HOT_FACTOR} times the events of the median pixel and neighbour; the hottest: {shown}"
+                    "{count} with more than {HOT_FACTOR} times the events of their neighbours; the hottest: {shown}"
                 ),
             )?;
         }
