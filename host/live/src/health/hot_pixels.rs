@@ -66,7 +66,10 @@ mod tests {
         let mut pixels = HotPixels::new(Sensor::new(20, 10));
         let mut events = Vec::new();
         for t in (0..2_010_000).step_by(10_000) {
-            // A hot pixel; an edge that returns; a pixel outside the sensor.
+            // Noise; a hot pixel; an edge that returns; a pixel outside the sensor.
+            if t % 500_000 == 0 {
+                events.extend((0..200).map(|at| Event { y: at / 20, ..event(t, at % 20) }));
+            }
             events.push(event(t, 1));
             if t / 200_000 % 2 == 0 {
                 events.extend((5..9).flat_map(|x| (0..10).map(move |y| Event { y, ..event(t, x) })));
