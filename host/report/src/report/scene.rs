@@ -56,7 +56,7 @@ pub fn drawing(calibrated: &Calibrated, board: &Board, poses: &[(f64, Isometry3<
     let scale = (WIDTH - 2.0 * MARGIN) / (high - low).x.max(1e-9);
     let place = |at: &Vector2<f64>| ((at - low) * scale).add_scalar(MARGIN).map(round);
     let points = |line: &[Vector2<f64>]| {
-        let line: Vec<String> = line.iter().map(|at| place(at)).map(|at| format!("{},{}", at.x, at.y)).collect();
+        let line: Vec<String> = line.iter().map(&place).map(|at| format!("{},{}", at.x, at.y)).collect();
         line.join(" ")
     };
     let color = |t: f64| format!("hsl({:.0} 75% 45%)", 225.0 - 200.0 * (t - begin) / (end - begin).max(1e-9));
