@@ -1,4 +1,4 @@
-//! Detection of hot pixels in the last two seconds, as [`bad_pixels`](evcal_detection::diagnosis::bad_pixels) defines them.
+//! Detection of hot pixels in the last two seconds, as [`bad_pixels`] defines them.
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
