@@ -61,7 +61,7 @@ pub fn drawing(calibrated: &Calibrated, board: &Board, poses: &[(f64, Isometry3<
     };
     let color = |t: f64| format!("hsl({:.0} 75% 45%)", 225.0 - 200.0 * (t - begin) / (end - begin).max(1e-9));
     html! {
-        svg.scene role="img" aria-label="The board and the path of the camera in front of it, seen from the side; blue at the beginning, red at the end."
+        svg.scene preserveAspectRatio="xMinYMin" role="img" aria-label="The board and the path of the camera in front of it, seen from the side; blue at the beginning, red at the end."
             viewBox={ "0 0 " (WIDTH) " " (round((high - low).y * scale + 2.0 * MARGIN)) } {
             @for outline in &outlines { polyline.board points=(points(outline)) {} }
             @for pair in path.windows(2) {
