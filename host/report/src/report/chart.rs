@@ -421,6 +421,11 @@ fn significant(value: f64) -> f64 {
 mod tests {
     use super::*;
 
+    fn map(sensor: Sensor, cells: Vec<Cell>) -> SensorMap {
+        let palette = Palette::Error;
+        SensorMap { description: String::new(), sensor, cells, palette, unit: "px", arrows: Vec::new(), contours: true }
+    }
+
     #[test]
     fn neighbours_of_one_colour_are_one_area() {
         let points: Vec<([f64; 2], Option<f64>)> = (0..40)
@@ -429,15 +434,7 @@ mod tests {
                 ([column * 5.0, row * 5.0], (index != 17).then_some(if column < 6.0 { 0.101 } else { 0.9 }))
             })
             .collect();
-        let map = SensorMap {
-            description: String::new(),
-            sensor: Sensor::new(50, 20),
-            cells: cells_of_grid(&points, 10, 4),
-            palette: Palette::Amount,
-            unit: "px",
-            arrows: Vec::new(),
-            contours: true,
-        };
+        let map = map(Sensor::new(50, 20), cells_of_grid(&points, 10, 4));
         let areas = map.areas(1.0);
         // Two colours in each of four rows, and a cell without data within one of them.
         assert_eq!(areas.len(), 2 * 4 + 2);
@@ -454,15 +451,7 @@ mod tests {
             .map(|index| ([f64::from(index % 25) * 2.0, f64::from(index / 25) * 2.0], index))
             .map(|(at, index)| (at, (index != 200).then_some(distance(at[0], at[1]))))
             .collect();
-        let map = SensorMap {
-            description: String::new(),
-            sensor: Sensor::new(50, 38),
-            cells: cells_of_grid(&points, 25, 19),
-            palette: Palette::Error,
-            unit: "px",
-            arrows: Vec::new(),
-            contours: true,
-        };
+        let map = map(Sensor::new(50, 38), cells_of_grid(&points, 25, 19));
         let segments = map.contour(10.0);
         assert!(segments.len() > 30, "{}", segments.len());
         for [x, y] in segments.into_iter().flatten() {
@@ -480,15 +469,7 @@ mod tests {
     fn one_cell_does_not_set_the_scale() {
         let cell =
             |index: usize| ([index as f64, 0.0, index as f64 + 1.0, 1.0], Some(if index == 7 { 90.0 } else { 0.19 }));
-        let map = SensorMap {
-            description: String::new(),
-            sensor: Sensor::new(40, 1),
-            cells: (0..40).map(cell).collect(),
-            palette: Palette::Error,
-            unit: "px",
-            arrows: Vec::new(),
-            contours: false,
-        };
+        let map = map(Sensor::new(40, 1), (0..40).map(cell).collect());
         assert_eq!(map.top(), 0.2);
         assert!(map.render().into_string().contains("≥ 0.2 px"));
     }
