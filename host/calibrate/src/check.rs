@@ -486,9 +486,13 @@ impl fmt::Display for Checked {
                 }
                 return Ok(());
             }
-            let what = match &seen.board {
-                Some(board) => format!("{board} seen"),
-                None => format!("{FEWEST_CIRCLES} or more circles seen"),
+            let what = match (&seen.board, &seen.recognised) {
+                (None, Some(found @ Recognised::Squares(_))) => {
+                    // What looks like circles are the squares.
+                    return writeln!(f, "{:<12}{found}", "board");
+                }
+                (Some(board), _) => format!("{board} seen"),
+                (None, _) => format!("{FEWEST_CIRCLES} or more circles seen"),
             };
             let Seen { found, windows, time_share, covered, .. } = seen;
             let (time, covered) = (100.0 * time_share, 100.0 * covered);

@@ -14,6 +14,7 @@ use evcal_geometry::board::homography::homography;
 use evcal_geometry::board::squares::raster::Raster;
 use evcal_geometry::board::tag::Tag;
 use evcal_geometry::numerics::levenberg_marquardt::{Costed, Schedule, minimise};
+use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
 use crate::bearings::{Bearings, Plane};
@@ -30,8 +31,9 @@ const CROSSING_SHARE: f64 = 0.7;
 const CROSSING_REACH: f64 = 12.0;
 /// Width of the print around a crossing that is known, in squares.
 const CROSSING_PRINT: f64 = 1.5;
-/// First standard deviation of the blur (px), and its limits.
-const BLUR: f64 = 0.7;
+/// A blur from which a first fit can start: variances xx, xy, yy (px²).
+pub const FIRST_BLUR: [f64; 3] = [0.5, 0.0, 0.5];
+/// Limits of the standard deviation of the blur (px).
 const BLURS: [f64; 2] = [0.15, 8.0];
 /// Largest motion of a corner from its start (px).
 const FARTHEST: f64 = 1.0;
@@ -40,7 +42,7 @@ const MOST_RESIDUAL: f64 = 0.1;
 /// Smallest difference between dark and light, as a share of the range of the pixels.
 const LEAST_CONTRAST: f64 = 0.25;
 const SCHEDULE: Schedule =
-    Schedule { first_damping: 1e-4, smallest_damping: 1e-7, largest_damping: 1e2, most_steps: 15, smallest_gain: 1e-6 };
+    Schedule { first_damping: 1e-4, smallest_damping: 1e-7, largest_damping: 1e2, most_steps: 15, smallest_gain: 1e-5 };
 
 /// Number of parameters of a homography, of the blur, and of the light.
 const MAP: usize = 8;
@@ -85,8 +87,8 @@ pub struct FittedPoints {
     pub points: Vec<Vector2<f64>>,
     /// Standard deviation of a point along one axis (px), on average, if the residuals of the pixels are independent.
     pub sigma: f64,
-    /// Standard deviation of the blur (px), on average over all directions.
-    pub blur: f64,
+    /// Variances of the blur: xx, xy, yy (px²).
+    pub blur: [f64; 3],
     /// Standard deviation of the residuals as a share of the difference between dark and light.
     pub residual: f64,
     /// Residuals of the pixels of the fitted region.
@@ -144,8 +146,8 @@ impl PrintFits {
         Self { patches: crossings.iter().map(|crossing| Patch::of_crossing(*crossing, side, raster)).collect() }
     }
 
-    /// Fits tag or crossing `index` where the points in `seen` suggest. The picture's first pixel is at `position` on the
-    /// sensor whose `lens` is known. `None` if it is not there, or its position is uncertain.
+    /// Fits tag or crossing `index` where the points in `seen` suggest, with about this `blur`. The picture's first pixel is at
+    /// `position` on the sensor whose `lens` is known. `None` if it is not there, or its position is uncertain.
     pub fn fit(
         &self,
         picture: &Picture,
@@ -153,8 +155,9 @@ impl PrintFits {
         lens: Option<&Bearings>,
         index: usize,
         seen: &[SeenPoint],
+        blur: [f64; 3],
     ) -> Option<FittedPoints> {
-        self.patches.get(index)?.fit(picture, position, lens, seen)
+        self.patches.get(index)?.fit(picture, position, lens, seen, blur)
     }
 }
 
@@ -202,6 +205,7 @@ impl Patch {
         position: [usize; 2],
         lens: Option<&Bearings>,
         seen: &[SeenPoint],
+        blur: [f64; 3],
     ) -> Option<FittedPoints> {
         let nearest = seen.iter().map(|point| (point.board - self.middle).norm()).fold(f64::INFINITY, f64::min);
         let near = || seen.iter().filter(|point| (point.board - self.middle).norm() < nearest + 1e-3 * self.unit);
@@ -211,7 +215,7 @@ impl Patch {
         let on_print: Vec<Vector2<f64>> = seen.iter().map(|point| (point.board - self.middle) / self.unit).collect();
         let map = homography(&places, &on_print)?;
         let pixels = self.pixels(picture, &plane, middle, &map)?;
-        let best = self.best(&pixels, map)?;
+        let best = self.best(&pixels, map, blur)?;
         self.fitted(&best, &pixels, &plane, &map)
     }
 
@@ -247,12 +251,11 @@ impl Patch {
         Some(pixels)
     }
 
-    /// Returns the best estimate from `map` on.
-    fn best(&self, pixels: &[Pixel], map: Matrix3<f64>) -> Option<Estimate> {
+    /// Returns the best estimate from `map` and `blur` on.
+    fn best(&self, pixels: &[Pixel], map: Matrix3<f64>, blur: Variance) -> Option<Estimate> {
         let [low, high] = range(pixels);
         let mut light = SVector::zeros();
         (light[0], light[3]) = (0.5 * (high - low), 0.5 * (high + low));
-        let blur = [BLUR * BLUR, 0.0, BLUR * BLUR];
         let mut first = self.estimate(pixels, map, blur, light)?;
         if first.light[0] < 0.0 {
             // Where dark and light squares only alternate, either may be the dark ones.
@@ -292,22 +295,15 @@ impl Patch {
         if !within || light[0].abs() <= light[1].abs() + light[2].abs() {
             return None;
         }
-        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
-        let mut right = SVector::<f64, UNKNOWNS>::zeros();
-        let mut squares = 0.0;
+        let mut products = Products::default();
+        let mut rows = Vec::with_capacity(TOGETHER);
         let mut near = NearLines::default();
         for pixel in pixels {
             let Placed { place: [u, v], products: [pp, pq, qq], shade } = self.placed(pixel, &map, blur, &mut near);
             let Pixel { light: [_, x, y], value, .. } = pixel;
             let b = shade.value;
-            squares += value * value;
             let (even, form) = (light[3] + light[0] * b, [x * x, x * y, y * y]);
             let [l0, l1, l2] = form.map(|form| even * form);
-            let of_light = [b, b * x, b * y, 1.0, *x, *y, l0, l1, l2, 1.0 - b * b];
-            if shade.by_place == [0.0; 2] {
-                add(&mut normal, &mut right, &of_light, *value);
-                continue;
-            }
             let curved = 1.0 + light[6] * form[0] + light[7] * form[1] + light[8] * form[2];
             let contrast = light[0] * curved + light[1] * x + light[2] * y - 2.0 * light[9] * b;
             let [s, t] = shade.by_place.map(|slope| contrast * slope);
@@ -339,16 +335,24 @@ impl Patch {
                 l1,
                 l2,
                 1.0 - b * b,
+                *value,
+                0.0,
+                0.0,
             ];
             for (entry, free) in row.iter_mut().zip(&self.free) {
                 *entry *= free;
             }
-            add(&mut normal, &mut right, &row, *value);
+            rows.push(row);
+            if rows.len() == TOGETHER {
+                products.add(&rows);
+                rows.clear();
+            }
         }
+        products.add(&rows);
+        let (mut normal, right, squares) = products.equations();
         for (index, free) in self.free.iter().enumerate() {
             normal[(index, index)] += 1.0 - free;
         }
-        normal.fill_lower_triangle_with_upper_triangle();
         let lights = normal.fixed_view::<LIGHT, LIGHT>(SHAPE, SHAPE).into_owned();
         let best = lights.cholesky()?.solve(&right.fixed_rows::<LIGHT>(SHAPE).into_owned());
         let cost = squares - best.dot(&right.fixed_rows::<LIGHT>(SHAPE));
@@ -422,10 +426,9 @@ impl Patch {
         }
         let contrast = 2.0 * best.light[0].abs();
         let residual = variance.sqrt() / contrast;
-        let [xx, _, yy] = best.blur;
         let sigma = (squares / self.points.len() as f64).sqrt();
         let of_pixels = self.residuals(best, pixels);
-        let fitted = FittedPoints { points, sigma, blur: (0.5 * (xx + yy)).sqrt(), residual, of_pixels };
+        let fitted = FittedPoints { points, sigma, blur: best.blur, residual, of_pixels };
         let [low, high] = range(pixels);
         let is_visible = contrast >= LEAST_CONTRAST * (high - low);
         (is_visible && fitted.sigma.is_finite() && (0.0..=MOST_RESIDUAL).contains(&residual)).then_some(fitted)
@@ -444,21 +447,46 @@ fn range(pixels: &[Pixel]) -> [f64; 2] {
     [values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max)]
 }
 
-/// Adds an observation to the upper triangle of the normal equations. `row` are its derivatives by the last unknowns.
-fn add<const N: usize>(
-    normal: &mut SMatrix<f64, UNKNOWNS, UNKNOWNS>,
-    right: &mut SVector<f64, UNKNOWNS>,
-    row: &[f64; N],
-    value: f64,
-) {
-    let first = UNKNOWNS - N;
-    for (index, factor) in row.iter().enumerate() {
-        let column = first + index;
-        let mut into = normal.column_mut(column);
-        for (sum, other) in into.as_mut_slice()[first..=column].iter_mut().zip(row) {
-            *sum += factor * other;
+/// Number of sums that the processor adds at a time, and of pixels that are added one after another.
+const LANES: usize = 8;
+const TOGETHER: usize = 32;
+/// A pixel's derivatives by all unknowns, its value, and zeros.
+type Row = [f64; (UNKNOWNS + 1).next_multiple_of(LANES)];
+
+/// Sums of the products of the derivatives and the value over all pixels: for each its products with those up to it.
+#[derive(Default)]
+struct Products([Row; UNKNOWNS + 1]);
+
+impl Products {
+    fn add(&mut self, rows: &[Row]) {
+        add_products(&mut self.0, rows);
+    }
+
+    /// Returns the normal matrix, its right-hand side, and the sum of the squares of the values.
+    fn equations(&self) -> (SMatrix<f64, UNKNOWNS, UNKNOWNS>, SVector<f64, UNKNOWNS>, f64) {
+        let product = |a: usize, b: usize| self.0[a.max(b)][a.min(b)];
+        let right = SVector::from_fn(|row, _| product(row, UNKNOWNS));
+        (SMatrix::from_fn(product), right, product(UNKNOWNS, UNKNOWNS))
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2", "x86_64+avx"))]
+fn add_products(sums: &mut [Row; UNKNOWNS + 1], rows: &[Row]) {
+    for (index, sums) in sums.iter_mut().enumerate() {
+        for block in 0..index / LANES + 1 {
+            let range = block * LANES..(block + 1) * LANES;
+            let (Some(sums), rows) = (sums.get_mut(range.clone()), rows.iter()) else { continue };
+            let mut total = [0.0; LANES];
+            for row in rows {
+                let (factor, others) = (row[index], &row[range.clone()]);
+                for (sum, other) in total.iter_mut().zip(others) {
+                    *sum += factor * other;
+                }
+            }
+            for (sum, total) in sums.iter_mut().zip(total) {
+                *sum += total;
+            }
         }
-        right[column] += factor * value;
     }
 }
 

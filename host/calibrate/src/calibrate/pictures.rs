@@ -24,9 +24,11 @@ use crate::task::error::CalibrateError;
 use crate::task::input::Input;
 use crate::task::progress::Progress;
 use evcal_detection::circles::reference_frame::ReferenceFrame;
-use evcal_detection::detection::pictures::pixel_pattern::PixelPattern;
+use evcal_detection::detection::pictures::pixel_pattern::{PixelPattern, PixelResiduals};
 use evcal_detection::detection::pictures::point_fits::{KnownCamera, PointFits};
-use evcal_detection::detection::pictures::search::{FoundInPictures, MadeOf, PictureSearch, PictureSearchReport};
+use evcal_detection::detection::pictures::search::{
+    BoardPicture, FoundInPictures, MadeOf, PictureSearch, PictureSearchReport,
+};
 use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_solve::initial::model_choice::{ModelChoice, ModelRequest, USUAL};
 use evcal_solve::solve::refinement::Refined;
@@ -36,8 +38,8 @@ use event_recordings::pictures::TimedImage;
 /// The reference frames of all recordings' pictures.
 pub(super) struct SeenPictures {
     pub(super) frames: Vec<ReferenceFrame>,
-    /// For each frame the number of its picture in its recording; empty if the frames are not read again.
-    pub(super) numbers: Vec<usize>,
+    /// For each frame its picture; empty if its points are not measured again.
+    pub(super) pictures: Vec<BoardPicture>,
     pub(super) report: PictureSearchReport,
     /// For each input the start of its frames' times (s).
     pub(super) starts: Vec<f64>,
@@ -97,7 +99,7 @@ pub(super) fn calibrate_pictures_with_events(
     if let Some(misalignment) = misalignment.filter(|_| is_needed) {
         return Err(CalibrateError::PicturesMisaligned(misalignment));
     }
-    let calibrated = picture_calibration(task, seen, PictureSource::Frames, sensor, model, progress)?;
+    let calibrated = picture_calibration(task, &seen, PictureSource::Frames, sensor, model, progress)?;
     if is_needed {
         require(task, calibrated.as_ref())?;
     }
@@ -136,8 +138,8 @@ fn see_pictures(task: &Task, files: Files, interval: i64, progress: &Progress) -
         };
         origins.push(origin as f64 * 1e-6);
     }
-    let FoundInPictures { frames, numbers, report } = detection.finish();
-    Ok(SeenPictures { frames, numbers, report, starts: origins })
+    let FoundInPictures { frames, pictures, report } = detection.finish();
+    Ok(SeenPictures { frames, pictures, report, starts: origins })
 }
 
 fn may_contain_pictures(input: &Input) -> bool {
@@ -172,7 +174,7 @@ const LEAST_CHANGE: f64 = 0.2;
 /// [`CalibrateError`] if the frames cannot be read again.
 fn picture_calibration(
     task: &Task,
-    seen: SeenPictures,
+    seen: &SeenPictures,
     source: PictureSource,
     sensor: Sensor,
     model: ModelKind,
@@ -181,22 +183,23 @@ fn picture_calibration(
     if seen.report.frames == 0 {
         return Ok(None);
     }
-    let SeenPictures { frames, numbers, report, .. } = seen;
     // The calibration from pictures cannot be cancelled. A request to cancel takes effect after it.
-    let _ = progress.report(format!("calibration from {} {source}", frames.len()));
+    let _ = progress.report(format!("calibration from {} {source}", seen.frames.len()));
     let calibrate = |frames, report| {
         let (initial, fixed) = (&task.settings.initial, &task.parameters.fixed_intrinsics);
         let report = PictureReport { source, detection: report, ..PictureReport::default() };
         calibrate_pictures(frames, report, task.board, sensor, model, initial, fixed)
     };
-    let mut calibrated = calibrate(frames, report);
+    let mut calibrated = calibrate(seen.frames.clone(), seen.report.clone());
     let fits = point_fits(task, source);
     let mut pattern = PixelPattern::none(sensor);
     for pass in 2..=MOST_PASSES {
         let (Some(fits), Ok(before)) = (&fits, &mut calibrated) else { break };
         let mut frames = std::mem::take(&mut before.frames);
-        let known = KnownCamera::new(&before.camera, sensor, &pattern);
-        pattern = measure_again(task, fits, &known, &mut frames, &numbers, progress)?;
+        let known = KnownCamera::new(&before.camera, &pattern);
+        let mut beyond = PixelResiduals::none(sensor);
+        measure_again(task, fits, &known, &mut beyond, &mut frames, &seen.pictures, progress)?;
+        pattern = beyond.pattern();
         let (camera, report) = (before.camera, before.report.detection.clone());
         calibrated = calibrate(frames, report);
         if pass >= FEWEST_PASSES && calibrated.as_ref().is_ok_and(|now| is_settled(&camera, now, sensor)) {
@@ -216,33 +219,33 @@ fn is_settled(before: &Camera<f64>, now: &PictureCalibration, sensor: Sensor) ->
 /// Returns the fits of points; `None` if the pictures are made of events.
 fn point_fits(task: &Task, source: PictureSource) -> Option<PointFits> {
     match source {
-        PictureSource::Frames => PointFits::new(task.board, task.settings.frames.max_radius),
+        PictureSource::Frames => PointFits::new(task.board),
         PictureSource::StillViews => None,
     }
 }
 
-/// Measures the points in all frames again with the `known` camera. Returns the pattern of its pixels.
+/// Measures the points in all frames again with the `known` camera, and adds what the pixels show beyond the board to
+/// `beyond`.
 fn measure_again(
     task: &Task,
     fits: &PointFits,
     known: &KnownCamera<'_>,
+    beyond: &mut PixelResiduals,
     frames: &mut [ReferenceFrame],
-    numbers: &[usize],
+    mut pictures: &[BoardPicture],
     progress: &Progress,
-) -> Result<PixelPattern, CalibrateError> {
-    let mut pattern = PixelPattern::none(known.sensor());
-    let mut numbers = numbers;
+) -> Result<(), CalibrateError> {
     // Frames are in the order of the recordings.
     for frames in frames.chunk_by_mut(|a, b| a.recording == b.recording) {
-        let (of_recording, rest) = numbers.split_at_checked(frames.len()).unwrap_or((numbers, &[]));
-        numbers = rest;
+        let (of_recording, rest) = pictures.split_at_checked(frames.len()).unwrap_or((pictures, &[]));
+        pictures = rest;
         let input = frames.first().and_then(|frame| task.inputs.get(frame.recording));
         let Some(input) = input.filter(|input| may_contain_pictures(input)) else { continue };
         progress.report(format!("{} in {}", fits.points(), input.short_name()))?;
         let hand_on = |visit: &mut dyn FnMut(TimedImage)| visit_pictures(input, visit);
-        fits.measure_again(known, &mut pattern, frames, of_recording, hand_on)?;
+        fits.measure_again(known, beyond, frames, of_recording, hand_on)?;
     }
-    Ok(pattern.estimated())
+    Ok(())
 }
 
 /// Compares the result from events with the one from pictures.
@@ -340,7 +343,7 @@ pub(super) fn calibrate_seen(
             Err(error) => Err(error),
         }
     };
-    let calibrate_with = |seen: SeenPictures, model: ModelKind| {
+    let calibrate_with = |seen: &SeenPictures, model: ModelKind| {
         picture_calibration(task, seen, source, sensor, model, progress)?.ok_or_else(|| no_pictures(task))?.map_err(
             match source {
                 PictureSource::Frames => CalibrateError::Pictures,
@@ -349,15 +352,13 @@ pub(super) fn calibrate_seen(
         )
     };
     let (mut model, mut model_choice) = choose(&seen.frames)?;
-    let numbers = seen.numbers.clone();
-    let mut calibration = calibrate_with(seen, model)?;
+    let mut calibration = calibrate_with(&seen, model)?;
     if model_choice.is_some() && source == PictureSource::Frames && task.board.circles().is_none() {
         // The bias of the first corners may have decided the choice.
         let first = model;
         (model, model_choice) = choose(&calibration.frames)?;
         if model != first {
-            let (frames, report) = (calibration.frames, calibration.report.detection);
-            calibration = calibrate_with(SeenPictures { frames, numbers, report, starts: starts.clone() }, model)?;
+            calibration = calibrate_with(&SeenPictures { frames: calibration.frames, ..seen }, model)?;
         }
     }
     progress.go_on()?;

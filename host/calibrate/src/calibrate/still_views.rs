@@ -75,7 +75,7 @@ pub(super) fn calibrate(task: &Task, least_time: f64, progress: &Progress) -> Re
     if matches!(task.pictures, PictureUse::Joint | PictureUse::SecondCamera) && frames.len() >= FEWEST_VIEWS {
         return Err(CalibrateError::BlinkingWithFrames { views: frames.len() });
     }
-    let seen = SeenPictures { frames, numbers: Vec::new(), report, starts: views.starts };
+    let seen = SeenPictures { frames, pictures: Vec::new(), report, starts: views.starts };
     let initial = InitialSettings { min_frames: FEWEST_VIEWS, ..task.settings.initial.clone() };
     let settings = Settings { initial, ..task.settings.clone() };
     let task = Task { settings: &settings, ..*task };

@@ -31,7 +31,8 @@ pub struct Costed<S> {
 ///
 /// `linearise` sets up the equations at an estimate; `trial` returns the estimate after a step with the given damping,
 /// or `None` if the equations have no solution. A step that does not lower the cost is repeated with ten times the
-/// damping; after a successful step the damping is divided by ten.
+/// damping, unless the cost hardly rises: then the minimum is reached. After a successful step the damping is divided by
+/// ten.
 pub fn minimise<S, E>(
     best: &mut Costed<S>,
     schedule: &Schedule,
@@ -45,10 +46,11 @@ pub fn minimise<S, E>(
             if damping >= schedule.largest_damping {
                 return steps;
             }
-            if let Some(better) = trial(&best.estimate, &equations, damping).filter(|trial| trial.cost < best.cost) {
-                break better;
+            match trial(&best.estimate, &equations, damping) {
+                Some(better) if better.cost < best.cost => break better,
+                Some(same) if same.cost - best.cost < schedule.smallest_gain * best.cost => return steps,
+                _ => damping *= 10.0,
             }
-            damping *= 10.0;
         };
         let gain = (best.cost - better.cost) / best.cost;
         *best = better;

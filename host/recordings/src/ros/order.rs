@@ -242,7 +242,8 @@ impl<C: Container> Container for Ordered<C> {
                 return Ok(None);
             }
             match self.container.next() {
-                Ok(Some(head)) if head.is_settled => {
+                // A message that is too large to be kept stays in its place in the file.
+                Ok(Some(head)) if head.is_settled || self.container.message().len() > MOST_BYTES => {
                     self.settled = self.settled.max(head.time);
                     self.waiting = Some(head);
                 }

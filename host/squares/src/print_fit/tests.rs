@@ -45,7 +45,8 @@ fn shifts(board: &str, side: f64, k1: f64, known: bool, light: &Light, views: us
                 SeenPoint { board: (*corner).into(), pixel: truth + off - origin }
             })
             .collect();
-        let Some(fitted) = fits.fit(&part.picture, part.position, known.then_some(&bearings), index, &seen) else {
+        let Some(fitted) = fits.fit(&part.picture, part.position, known.then_some(&bearings), index, &seen, FIRST_BLUR)
+        else {
             refused += 1;
             continue;
         };
@@ -55,7 +56,7 @@ fn shifts(board: &str, side: f64, k1: f64, known: bool, light: &Light, views: us
             squares += error.norm_squared() / 2.0;
         }
         stated += 4.0 * fitted.sigma.powi(2);
-        blur += 4.0 * fitted.blur;
+        blur += 4.0 * (0.5 * (fitted.blur[0] + fitted.blur[2])).sqrt();
     }
     let count = outwards.len() as f64;
     let mean = outwards.iter().sum::<f64>() / count;
@@ -154,7 +155,7 @@ fn crossing_errors(board: &str, side: f64, light: &Light, views: usize, seed: u6
             SeenPoint { board: points[other], pixel: shot.pixel(points[other]) + off - origin }
         });
         let seen: Vec<SeenPoint> = near.collect();
-        let Some(fitted) = fits.fit(&part.picture, part.position, Some(&bearings), index, &seen) else {
+        let Some(fitted) = fits.fit(&part.picture, part.position, Some(&bearings), index, &seen, FIRST_BLUR) else {
             refused += 1;
             continue;
         };
@@ -201,7 +202,7 @@ fn a_tag_that_is_not_there_is_refused() {
     let fit = |picture: &Picture, start: &[[f64; 2]; 4]| {
         let seen = |(board, pixel): (Vector2<f64>, &[f64; 2])| SeenPoint { board, pixel: (*pixel).into() };
         let seen: Vec<SeenPoint> = corners.into_iter().zip(start).map(seen).collect();
-        fits.fit(picture, [0, 0], None, 0, &seen)
+        fits.fit(picture, [0, 0], None, 0, &seen, FIRST_BLUR)
     };
     let picture = |value: fn(usize) -> f32| Picture::new(70, 70, (0..4900).map(value).collect()).unwrap();
     assert_eq!(fit(&picture(|_| 80.0), &start), None);

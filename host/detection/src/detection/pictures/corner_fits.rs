@@ -8,7 +8,7 @@ use evcal_geometry::board::SquareBoard;
 use evcal_geometry::board::squares::{Charuco, Checkerboard};
 use evcal_squares::bearings::Bearings;
 use evcal_squares::picture::{Picture, PixelResidual};
-use evcal_squares::print_fit::{PrintFits, SeenPoint};
+use evcal_squares::print_fit::{FIRST_BLUR, PrintFits, SeenPoint};
 use nalgebra::Vector2;
 
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
@@ -77,13 +77,16 @@ impl CornerFits {
         let circle = |index: &usize| by_point.get(*index).copied().flatten();
         let mut circles = Vec::with_capacity(frame.circles.len());
         let mut seen = Vec::new();
+        // The blur is nearly the same in the whole picture.
+        let mut blur = FIRST_BLUR;
         for (number, part) in self.parts.iter().enumerate() {
             let Some(found) = part.points.iter().map(circle).collect::<Option<Vec<_>>>() else { continue };
             seen.clear();
             seen.extend(part.from.iter().filter_map(circle).filter_map(|circle| {
                 Some(SeenPoint { board: *self.board.get(circle.index)?, pixel: circle.center - origin })
             }));
-            let Some(fitted) = self.fits.fit(picture, position, Some(lens), number, &seen) else { continue };
+            let Some(fitted) = self.fits.fit(picture, position, Some(lens), number, &seen, blur) else { continue };
+            blur = fitted.blur;
             residuals.extend(fitted.of_pixels);
             let moved = found.into_iter().zip(fitted.points);
             circles.extend(moved.map(|(corner, at)| ObservedCircle { center: at + origin, ..*corner }));

@@ -11,14 +11,19 @@ use evcal_squares::picture::{Picture, PixelResidual};
 /// The largest grey level.
 const WHITE: f64 = 255.0;
 
-/// The residuals of all pixels of a sensor, summed, and the pattern that they imply.
+/// The fixed pattern of a sensor's pixels.
 pub struct PixelPattern {
+    sensor: Sensor,
+    /// The errors of each pixel where it sees black and where it sees white.
+    errors: Vec<[f32; 2]>,
+}
+
+/// The residuals of all pixels of a sensor in several pictures.
+pub struct PixelResiduals {
     sensor: Sensor,
     pixels: Vec<Sums>,
     /// Sum of the squares of the residuals.
     squares: f64,
-    /// Variance of a residual over the variance of the pattern; infinite without a pattern.
-    noise: f64,
 }
 
 /// The sums of a pixel: products of the shares of black and white in its grey level, and of both with the residual.
@@ -32,6 +37,13 @@ struct Sums {
 fn shares(value: f64) -> [f64; 2] {
     let white = value / WHITE;
     [1.0 - white, white]
+}
+
+/// Returns the number on the `sensor` of a pixel of a picture of `width` columns whose first pixel is at `position`.
+fn on_sensor(sensor: Sensor, width: usize, position: [usize; 2], pixel: usize) -> Option<usize> {
+    let (x, y) = (pixel.checked_rem(width)? + position[0], pixel / width + position[1]);
+    let columns = usize::from(sensor.width);
+    (x < columns).then_some(y * columns + x)
 }
 
 impl Sums {
@@ -61,34 +73,39 @@ impl Sums {
 impl PixelPattern {
     /// The pattern of a perfect sensor.
     pub fn none(sensor: Sensor) -> Self {
-        Self { sensor, pixels: vec![Sums::default(); sensor.pixel_count()], squares: 0.0, noise: f64::INFINITY }
+        Self { sensor, errors: vec![[0.0; 2]; sensor.pixel_count()] }
     }
 
-    /// Returns the number on the sensor of a pixel of a picture of `width` columns whose first pixel is at `position`.
-    fn on_sensor(&self, width: usize, position: [usize; 2], pixel: usize) -> Option<usize> {
-        let (x, y) = (pixel.checked_rem(width)? + position[0], pixel / width + position[1]);
-        let columns = usize::from(self.sensor.width);
-        (x < columns).then_some(y * columns + x)
+    /// Returns the size of the sensor.
+    pub fn sensor(&self) -> Sensor {
+        self.sensor
+    }
+
+    /// Returns the error of a pixel of the sensor where it should have the grey level `value`.
+    fn error(&self, pixel: usize, value: f64) -> Option<f64> {
+        let [black, white] = shares(value);
+        let [in_black, in_white] = self.errors.get(pixel)?.map(f64::from);
+        Some(black * in_black + white * in_white)
     }
 
     /// Removes the pattern from a picture whose first pixel is at `position` of the sensor.
     pub fn remove_from(&self, picture: &mut Picture, position: [usize; 2]) {
-        if self.noise.is_infinite() {
-            return;
-        }
         let width = picture.width();
         for (pixel, value) in picture.values_mut().iter_mut().enumerate() {
-            let Some(sums) = self.on_sensor(width, position, pixel).and_then(|place| self.pixels.get(place)) else {
-                continue;
-            };
-            let [black, white] = shares(f64::from(*value));
-            let [in_black, in_white] = sums.errors(self.noise);
-            *value -= (black * in_black + white * in_white) as f32;
+            let place = on_sensor(self.sensor, width, position, pixel);
+            *value -= place.and_then(|place| self.error(place, f64::from(*value))).unwrap_or(0.0) as f32;
         }
+    }
+}
+
+impl PixelResiduals {
+    /// No residuals.
+    pub fn none(sensor: Sensor) -> Self {
+        Self { sensor, pixels: vec![Sums::default(); sensor.pixel_count()], squares: 0.0 }
     }
 
     /// Adds the `residuals` of a picture from which the pattern `removed` was removed.
-    pub fn add(&mut self, residuals: &mut [PixelResidual], removed: &Self, width: usize, position: [usize; 2]) {
+    pub fn add(&mut self, residuals: &mut [PixelResidual], removed: &PixelPattern, width: usize, position: [usize; 2]) {
         // A pixel of several fits counts once.
         residuals.sort_by_key(|residual| residual.pixel);
         for of_pixel in residuals.chunk_by(|a, b| a.pixel == b.pixel) {
@@ -96,17 +113,16 @@ impl PixelPattern {
             let mean =
                 |of: fn(&PixelResidual) -> f32| of_pixel.iter().map(|one| f64::from(of(one))).sum::<f64>() / count;
             let (value, error) = (mean(|one| one.value), mean(|one| one.error));
-            let Some(pixel) = of_pixel.first().and_then(|one| self.on_sensor(width, position, one.pixel as usize))
-            else {
+            let pixel = of_pixel.first().map(|one| one.pixel as usize);
+            let Some(pixel) = pixel.and_then(|pixel| on_sensor(self.sensor, width, position, pixel)) else { continue };
+            let (Some(sums), Some(before)) = (self.pixels.get_mut(pixel), removed.error(pixel, value)) else {
                 continue;
             };
-            let (Some(sums), Some(before)) = (self.pixels.get_mut(pixel), removed.pixels.get(pixel)) else { continue };
-            let [black, white] = shares(value);
-            let [in_black, in_white] = before.errors(removed.noise);
-            let error = error + black * in_black + white * in_white;
+            let error = error + before;
             if !error.is_finite() || !value.is_finite() {
                 continue;
             }
+            let [black, white] = shares(value);
             self.squares += error * error;
             for (sum, product) in sums.products.iter_mut().zip([black * black, black * white, white * white]) {
                 *sum += product as f32;
@@ -117,8 +133,18 @@ impl PixelPattern {
         }
     }
 
-    /// Estimates the pattern from the residuals added.
-    pub fn estimated(self) -> Self {
+    /// Returns the pattern that they show.
+    pub fn pattern(&self) -> PixelPattern {
+        let noise = self.noise();
+        if noise.is_nan() || noise <= 0.0 {
+            return PixelPattern::none(self.sensor);
+        }
+        let errors = self.pixels.iter().map(|sums| sums.errors(noise).map(|error| error as f32)).collect();
+        PixelPattern { sensor: self.sensor, errors }
+    }
+
+    /// Returns the variance of a residual over the variance of the pattern; not positive without a pattern.
+    fn noise(&self) -> f64 {
         let seen = || self.pixels.iter().map(|sums| (sums, sums.count())).filter(|(_, count)| *count > 0.5);
         let (mut repeated, mut within) = (0.0, self.squares);
         for (sums, count) in seen() {
@@ -132,8 +158,7 @@ impl PixelPattern {
             between += (sums.sum() / count).powi(2) - variance / count;
             weight += white * white + (1.0 - white) * (1.0 - white);
         }
-        let noise = variance * weight / between;
-        Self { noise: if noise > 0.0 { noise } else { f64::INFINITY }, ..self }
+        variance * weight / between
     }
 }
 
@@ -157,7 +182,7 @@ mod tests {
         let (dark, gain) = (pixels(dark), pixels(gain));
         let truth = |picture: usize, pixel: usize| if (pixel * 7 + picture * 3) % 11 < 5 { 30.0 } else { 190.0 };
         let value = |picture: usize, pixel: usize| truth(picture, pixel) * (1.0 + gain[pixel]) + dark[pixel];
-        let mut pattern = PixelPattern::none(SENSOR);
+        let mut seen = PixelResiduals::none(SENSOR);
         for picture in 0..pictures {
             let noise = pixels(noise);
             let residual = |pixel: usize| {
@@ -166,9 +191,9 @@ mod tests {
             };
             // Each pixel belongs to two fits.
             let mut residuals: Vec<_> = (0..dark.len()).chain(0..dark.len()).map(residual).collect();
-            pattern.add(&mut residuals, &PixelPattern::none(SENSOR), WIDTH, POSITION);
+            seen.add(&mut residuals, &PixelPattern::none(SENSOR), WIDTH, POSITION);
         }
-        let pattern = pattern.estimated();
+        let pattern = seen.pattern();
         let last = (0..dark.len()).map(|pixel| value(pictures, pixel) as f32).collect();
         let mut picture = Picture::new(WIDTH, 18, last).unwrap();
         let rms = |picture: &Picture| {

@@ -1,8 +1,9 @@
 //! Points of the board in pictures made of light, measured again once a first lens is known: without the fixed pattern of
 //! the pixels, and corners of squares with the lens.
 
+use std::borrow::Cow;
+
 use evcal_core::camera::Camera;
-use evcal_core::sensor::Sensor;
 use evcal_geometry::board::Board;
 use evcal_squares::bearings::Bearings;
 use evcal_squares::picture::{Picture, PixelResidual};
@@ -10,8 +11,10 @@ use event_recordings::pictures::TimedImage;
 use rayon::prelude::*;
 
 use super::corner_fits::CornerFits;
+use super::dark_spots::DarkSpot;
 use super::dot_fits::DotFits;
-use super::pixel_pattern::PixelPattern;
+use super::pixel_pattern::{PixelPattern, PixelResiduals};
+use super::search::BoardPicture;
 use crate::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 
 /// Number of pictures that are measured together: few, because the residuals of all their pixels are kept.
@@ -27,7 +30,8 @@ enum Fits {
 
 /// A picture, the board in it, and the residuals of its pixels.
 struct Seen<'a> {
-    image: TimedImage,
+    image: Cow<'a, TimedImage>,
+    spots: &'a [DarkSpot],
     frame: &'a mut ReferenceFrame,
     residuals: Vec<PixelResidual>,
 }
@@ -35,28 +39,23 @@ struct Seen<'a> {
 /// The camera with which points are measured again.
 pub struct KnownCamera<'a> {
     lens: Bearings,
-    sensor: Sensor,
     pattern: &'a PixelPattern,
 }
 
 impl<'a> KnownCamera<'a> {
     /// Prepares a camera with this `pattern` of its pixels.
-    pub fn new(camera: &Camera<f64>, sensor: Sensor, pattern: &'a PixelPattern) -> Self {
-        Self { lens: Bearings::new(camera, sensor.width.into(), sensor.height.into()), sensor, pattern }
-    }
-
-    /// Returns the size of its sensor.
-    pub fn sensor(&self) -> Sensor {
-        self.sensor
+    pub fn new(camera: &Camera<f64>, pattern: &'a PixelPattern) -> Self {
+        let sensor = pattern.sensor();
+        Self { lens: Bearings::new(camera, sensor.width.into(), sensor.height.into()), pattern }
     }
 }
 
 impl PointFits {
-    /// Prepares the fits; dots have radii up to `largest_radius` (px).
-    pub fn new(board: &Board, largest_radius: f64) -> Option<Self> {
+    /// Prepares the fits; `None` for a board whose points cannot be fitted.
+    pub fn new(board: &Board) -> Option<Self> {
         match board {
             Board::Squares(board) => CornerFits::new(board).map(|fits| Self(Fits::Corners(fits))),
-            Board::Circles(board) => Some(Self(Fits::Dots(DotFits::new(board, largest_radius)))),
+            Board::Circles(board) => Some(Self(Fits::Dots(DotFits::new(board)))),
         }
     }
 
@@ -69,52 +68,64 @@ impl PointFits {
     }
 
     /// Measures the points in `frames` again with the `known` camera, and adds what the pixels show beyond the board to
-    /// `pattern`. All frames are of one recording, whose pictures `hand_on` passes in order of time; `numbers` contains
-    /// the number of the picture of each frame. What cannot be measured is left out.
+    /// `beyond`. All frames are of one recording; `pictures` are theirs. If some were not kept, `hand_on` passes all
+    /// pictures of the recording in order of time. What cannot be measured is left out.
     ///
     /// # Errors
     /// Errors of `hand_on`.
     pub fn measure_again<T, E>(
         &self,
         known: &KnownCamera<'_>,
-        pattern: &mut PixelPattern,
+        beyond: &mut PixelResiduals,
         frames: &mut [ReferenceFrame],
-        numbers: &[usize],
+        pictures: &[BoardPicture],
         hand_on: impl FnOnce(&mut dyn FnMut(TimedImage)) -> Result<T, E>,
     ) -> Result<(), E> {
-        let mut pending = frames.iter_mut().zip(numbers).peekable();
-        let mut number = 0;
         let mut waiting: Vec<Seen<'_>> = Vec::new();
         let mut measure = |waiting: &mut Vec<Seen<'_>>| {
             waiting.par_iter_mut().for_each(|seen| seen.frame.circles = self.measure(seen, known).unwrap_or_default());
             for mut seen in waiting.drain(..) {
                 let width = seen.image.image.as_ref().map_or(0, |image| image.width());
-                pattern.add(&mut seen.residuals, known.pattern, width, position(&seen.image));
+                beyond.add(&mut seen.residuals, known.pattern, width, position(&seen.image));
             }
         };
-        hand_on(&mut |image| {
-            if let Some((frame, _)) = pending.next_if(|(_, of_frame)| **of_frame == number) {
-                waiting.push(Seen { image, frame, residuals: Vec::new() });
-            }
-            number += 1;
+        let mut take = |image, spots, frame| {
+            waiting.push(Seen { image, spots, frame, residuals: Vec::new() });
             if waiting.len() >= TOGETHER {
                 measure(&mut waiting);
             }
-        })?;
+        };
+        let mut pending = Vec::new();
+        for (frame, picture) in frames.iter_mut().zip(pictures) {
+            match &picture.kept {
+                Some(image) => take(Cow::Borrowed(image), &picture.spots, frame),
+                None => pending.push((frame, picture)),
+            }
+        }
+        if !pending.is_empty() {
+            let mut pending = pending.into_iter().peekable();
+            let mut number = 0;
+            hand_on(&mut |image| {
+                if let Some((frame, picture)) = pending.next_if(|(_, picture)| picture.number == number) {
+                    take(Cow::Owned(image), &picture.spots, frame);
+                }
+                number += 1;
+            })?;
+        }
         measure(&mut waiting);
         Ok(())
     }
 
     /// Returns the points of the board in a picture, and adds the residuals of its pixels.
     fn measure(&self, seen: &mut Seen<'_>, known: &KnownCamera<'_>) -> Option<Vec<ObservedCircle>> {
-        let Seen { image, frame, residuals } = seen;
+        let Seen { image, spots, frame, residuals } = seen;
         let position = position(image);
         let grey = image.image.as_ref().ok()?;
         let mut picture = Picture::from_bytes(grey.width(), grey.height(), &grey.pixels)?;
         known.pattern.remove_from(&mut picture, position);
         Some(match &self.0 {
             Fits::Corners(fits) => fits.corners(&picture, position, frame, &known.lens, residuals),
-            Fits::Dots(fits) => fits.dots(grey, &picture, position, frame, residuals),
+            Fits::Dots(fits) => fits.dots(spots, &picture, position, frame, residuals),
         })
     }
 }
@@ -137,6 +148,8 @@ mod tests {
 
     use super::super::search::{MadeOf, PictureSearch};
     use super::*;
+
+    use evcal_core::sensor::Sensor;
 
     const SENSOR: Sensor = Sensor::new(150, 110);
     const PICTURES: usize = 40;
@@ -172,17 +185,17 @@ mod tests {
     }
 
     /// The mean error of a dot in ten neighbouring pictures (px): that of the noise is small.
-    fn error(frames: &[ReferenceFrame], numbers: &[usize]) -> f64 {
+    fn error(frames: &[ReferenceFrame], pictures: &[BoardPicture]) -> f64 {
         let mut squares = Vec::new();
-        for (frames, numbers) in frames.chunks_exact(10).zip(numbers.chunks_exact(10)) {
+        for (frames, pictures) in frames.chunks_exact(10).zip(pictures.chunks_exact(10)) {
             for dot in 0..12 {
-                let error = |(frame, picture): (&ReferenceFrame, &usize)| {
+                let error = |(frame, picture): (&ReferenceFrame, &BoardPicture)| {
                     let circle = frame.circles.iter().find(|circle| circle.index == dot)?;
                     // Which corner of the board is the first does not matter.
-                    let middles = (0..12).map(|dot| middle(*picture, [dot / 4, dot % 4]) - circle.center);
+                    let middles = (0..12).map(|dot| middle(picture.number, [dot / 4, dot % 4]) - circle.center);
                     middles.min_by(|a, b| a.norm().total_cmp(&b.norm()))
                 };
-                let errors: Vec<Vector2<f64>> = frames.iter().zip(numbers).filter_map(error).collect();
+                let errors: Vec<Vector2<f64>> = frames.iter().zip(pictures).filter_map(error).collect();
                 squares.push((errors.iter().sum::<Vector2<f64>>() / errors.len() as f64).norm_squared());
             }
         }
@@ -196,20 +209,20 @@ mod tests {
         let mut search = PictureSearch::new(&board, MadeOf::Light, 12, 20.0);
         let _ = search.search(0, None, |visit| show(visit));
         let found = search.finish();
-        let (mut frames, numbers) = (found.frames, found.numbers);
+        let (mut frames, pictures) = (found.frames, found.pictures);
         assert_eq!(frames.len(), PICTURES);
-        let before = error(&frames, &numbers);
+        let before = error(&frames, &pictures);
         let lens =
             Camera::from_parameters(ModelKind::Radtan4, &[150.0, 150.0, 75.0, 55.0, 0.0, 0.0, 0.0, 0.0]).unwrap();
-        let fits = PointFits::new(&board, 20.0).unwrap();
+        let fits = PointFits::new(&board).unwrap();
         let mut pattern = PixelPattern::none(SENSOR);
         for _ in 0..2 {
-            let mut seen = PixelPattern::none(SENSOR);
-            let known = KnownCamera::new(&lens, SENSOR, &pattern);
-            let _ = fits.measure_again(&known, &mut seen, &mut frames, &numbers, |visit| show(visit));
-            pattern = seen.estimated();
+            let mut seen = PixelResiduals::none(SENSOR);
+            let known = KnownCamera::new(&lens, &pattern);
+            let _ = fits.measure_again(&known, &mut seen, &mut frames, &pictures, |visit| show(visit));
+            pattern = seen.pattern();
         }
-        let after = error(&frames, &numbers);
+        let after = error(&frames, &pictures);
         assert!(before > 0.01 && after < 0.5 * before, "{before} {after}");
     }
 }

@@ -19,6 +19,8 @@ use evcal_geometry::board::{Board, CircleBoard};
 use evcal_geometry::numerics::statistics::median;
 use event_recordings::pictures::{GreyImage, TimedImage};
 
+/// Bytes of the pictures with the board that are kept, so that they need not be read again: 700 of 346×260 pixels.
+const MOST_KEPT: usize = 64 << 20;
 /// Number of pictures that are searched together.
 const PICTURES_TOGETHER: usize = 64;
 /// Largest blur of the dots' edges (median of a picture), as the standard deviation of a Gaussian (px).
@@ -73,12 +75,22 @@ pub struct PictureSearchReport {
 
 /// The board in the pictures of all recordings.
 pub struct FoundInPictures {
-    /// The pictures with the board, in their order.
+    /// The boards, in the order of the pictures.
     pub frames: Vec<ReferenceFrame>,
-    /// For each frame the number of its picture in the recording.
-    pub numbers: Vec<usize>,
+    /// For each frame its picture.
+    pub pictures: Vec<BoardPicture>,
     /// Statistics of the search.
     pub report: PictureSearchReport,
+}
+
+/// A picture with the board.
+pub struct BoardPicture {
+    /// Its number in the recording.
+    pub(super) number: usize,
+    /// The picture itself; `None` if pictures of [`MOST_KEPT`] bytes were kept already.
+    pub(super) kept: Option<TimedImage>,
+    /// Where it is dark at the dots of the board.
+    pub(super) spots: Vec<DarkSpot>,
 }
 
 /// Result for one picture.
@@ -92,6 +104,8 @@ struct Searched {
 struct SeenBoard {
     /// Its dots or corners.
     points: Vec<SeenPoint>,
+    /// The dark spots of its dots.
+    spots: Vec<DarkSpot>,
     /// Median blur of the dots' edges (px).
     blur: Option<f64>,
 }
@@ -111,8 +125,10 @@ pub struct PictureSearch<'a> {
     /// Length of the intervals in each of which only the first picture is searched (µs); 0 to search all pictures.
     interval: i64,
     frames: Vec<ReferenceFrame>,
-    /// For each frame the number of its picture in the recording.
-    numbers: Vec<usize>,
+    /// For each frame its picture.
+    pictures: Vec<BoardPicture>,
+    /// Bytes that may still be kept of the pictures.
+    free_bytes: usize,
     blurs: Vec<f64>,
     report: PictureSearchReport,
 }
@@ -141,7 +157,15 @@ impl<'a> PictureSearch<'a> {
             Board::Squares(board) => Target::Squares(SquareFinder::new(board)),
         };
         let report = PictureSearchReport::default();
-        Self { target, interval: 0, frames: Vec::new(), numbers: Vec::new(), blurs: Vec::new(), report }
+        Self {
+            target,
+            interval: 0,
+            frames: Vec::new(),
+            pictures: Vec::new(),
+            free_bytes: MOST_KEPT,
+            blurs: Vec::new(),
+            report,
+        }
     }
 
     /// Limits the search to the first picture in each `interval` (µs).
@@ -201,20 +225,23 @@ impl<'a> PictureSearch<'a> {
                 pictures.par_iter().map(|(_, picture)| search_squares(picture, finder)).collect()
             }
         };
-        for ((of_picture, picture), searched) in pictures.iter().zip(searched) {
+        for ((of_picture, picture), searched) in pictures.into_iter().zip(searched) {
             self.report.frames += 1;
             self.report.dots += searched.dots;
             for reason in searched.dots_refused {
                 *self.report.dots_refused.entry(reason).or_default() += 1;
             }
             match searched.board {
-                Ok(SeenBoard { points: dots, blur }) => {
+                Ok(SeenBoard { points: dots, spots, blur }) => {
                     self.report.with_board += 1;
                     self.report.board_dots += dots.len() as u64;
                     self.report.without_exposure += u64::from(!picture.exposure_known);
                     self.blurs.extend(blur);
-                    self.frames.push(reference_frame(picture, dots, number, start));
-                    self.numbers.push(*of_picture);
+                    self.frames.push(reference_frame(&picture, dots, number, start));
+                    let bytes = picture.image.as_ref().map_or(0, |image| image.pixels.len());
+                    let rest = self.free_bytes.checked_sub(bytes);
+                    self.free_bytes = rest.unwrap_or(0);
+                    self.pictures.push(BoardPicture { number: of_picture, kept: rest.map(|_| picture), spots });
                 }
                 Err(reason) => *self.report.refused.entry(reason).or_default() += 1,
             }
@@ -229,14 +256,14 @@ impl<'a> PictureSearch<'a> {
             self.report.dots += frame.circles.len() as u64;
             self.report.board_dots += frame.circles.len() as u64;
             self.frames.push(ReferenceFrame { recording: number, ..frame.clone() });
-            self.numbers.push(of_picture);
+            self.pictures.push(BoardPicture { number: of_picture, kept: None, spots: Vec::new() });
         }
     }
 
     /// Returns the pictures with the board in their order, and the report.
     pub fn finish(mut self) -> FoundInPictures {
         self.report.blur = median(&mut self.blurs, f64::total_cmp).unwrap_or(0.0);
-        FoundInPictures { frames: self.frames, numbers: self.numbers, report: self.report }
+        FoundInPictures { frames: self.frames, pictures: self.pictures, report: self.report }
     }
 }
 
@@ -284,11 +311,11 @@ impl CircleTarget<'_> {
         }
         let is_at_rest = self.made_of == MadeOf::Events;
         let spots = spots.iter().filter(|(_, dot)| is_at_rest || dot.is_ok());
-        let (candidates, dots): (Vec<GridCandidate<f32>>, Vec<Option<&Dot>>) = spots
+        let (candidates, dots): (Vec<GridCandidate<f32>>, Vec<Option<(&DarkSpot, &Dot)>>) = spots
             .map(|(spot, dot)| {
                 let dot = dot.as_ref().ok();
                 let (center, radius) = dot.map_or((spot.center, spot.radius()), |dot| (dot.center, dot.radius));
-                (GridCandidate { center: center.cast(), radius: radius as f32 }, dot)
+                (GridCandidate { center: center.cast(), radius: radius as f32 }, dot.map(|dot| (spot, dot)))
             })
             .unzip();
         let options = GridOptions {
@@ -300,18 +327,23 @@ impl CircleTarget<'_> {
             MadeOf::Events => GridOptions { independent_misses: true, minimum_odds: ODDS_AT_REST, ..options },
         };
         let placed = finder.find(within_capacity(&candidates), &options)?;
-        let placed = placed.iter().filter_map(|placed| Some((placed.index, (*dots.get(placed.candidate)?)?)));
-        let placed: Vec<(usize, &Dot)> = placed.collect();
+        let placed = placed.iter().filter_map(|placed| {
+            let (spot, dot) = (*dots.get(placed.candidate)?)?;
+            Some((placed.index, spot, dot))
+        });
+        let placed: Vec<(usize, &DarkSpot, &Dot)> = placed.collect();
         if placed.len() < self.fewest {
             return Err(NoBoard::TooFewOfBoard);
         }
-        let mut blurs: Vec<f64> = placed.iter().map(|(_, dot)| dot.blur).collect();
+        let mut blurs: Vec<f64> = placed.iter().map(|(.., dot)| dot.blur).collect();
         let blur = median(&mut blurs, f64::total_cmp);
         if blur.is_some_and(|blur| blur > MOST_BLURRED) {
             return Err(NoBoard::Blurred);
         }
-        let seen = |(index, dot): (usize, &Dot)| SeenPoint { index, place: dot.center, radius: Some(dot.radius) };
-        Ok(SeenBoard { points: placed.into_iter().map(seen).collect(), blur })
+        let spots = placed.iter().map(|(_, spot, _)| **spot).collect();
+        let points =
+            placed.into_iter().map(|(index, _, dot)| SeenPoint { index, place: dot.center, radius: Some(dot.radius) });
+        Ok(SeenBoard { points: points.collect(), spots, blur })
     }
 }
 
@@ -325,7 +357,7 @@ fn search_squares(picture: &TimedImage, finder: &SquareFinder) -> Searched {
             place: Vector2::from(point.pixel).cast(),
             radius: None,
         };
-        Ok(SeenBoard { points: found.points.iter().map(seen).collect(), blur: None })
+        Ok(SeenBoard { points: found.points.iter().map(seen).collect(), spots: Vec::new(), blur: None })
     });
     let dots = board.as_ref().map_or(0, |board| board.points.len() as u64);
     Searched { board, dots, dots_refused: Vec::new() }
