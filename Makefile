@@ -3,7 +3,7 @@
 #   make test   checks formatting, lints, documentation and runs the tests
 # A third one runs each night and before a release:
 #   make test-all   also tests packages in bare roots, builds without OpenCV, the oldest Rust, a kernel and all emulated processors
-.PHONY: demo test test-all test-workspace test-beside test-without-opencv test-report test-python test-packages test-usb-guest \
+.PHONY: demo test test-all test-workspace test-crossings test-beside test-without-opencv test-report test-python test-packages test-usb-guest \
     test-embedded test-embedded-slow compatibility setup readers build programs wheel packages rooms bench fuzz check check-format \
     check-lints check-lints-without-opencv check-documentation check-no-std check-dependencies check-oldest-rust \
     check-crates findings
@@ -12,7 +12,7 @@
 # the program that the others test.
 CHECKS = check-format check-lints check-documentation check-no-std check-dependencies check-crates
 TESTS = setup readers $(CHECKS) test-workspace test-report test-beside
-MORE_TESTS = check-lints-without-opencv check-oldest-rust test-packages test-usb-guest test-embedded-slow compatibility \
+MORE_TESTS = test-crossings check-lints-without-opencv check-oldest-rust test-packages test-usb-guest test-embedded-slow compatibility \
     test-without-opencv
 
 # Incremental builds serve those who change code; without, the program is faster, and all tests need several GB less of disk.
@@ -31,6 +31,10 @@ test test-all:
 test-workspace: programs readers
 	cargo test --workspace --release --locked $(TESTED)
 	cargo test --workspace --release --locked --doc
+
+# Every kind of board with every device and source; test-workspace tests each at least once.
+test-crossings: programs
+	cargo test --workspace --release --locked --test crossings -- --ignored
 
 # The same with a build without OpenCV. The end-to-end tests run the program that the tests before them built.
 test-without-opencv: setup readers

@@ -54,7 +54,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     let start = first_trajectories(&first.initial, &frames, trajectory_settings(task.settings))?;
 
     let read = events.reader(task, sensor, progress);
-    let input = first_input(task, &first.initial, sensor, events.input(&*read), start.points, &saturated.left_out);
+    let input = first_input(task, &first.initial, sensor, events.input(&*read), &start.points, &saturated.left_out);
     let state = first_state(task, first.initial.camera, start.trajectories);
     let (solve, model_choice) = solve_with_model(task, &input, state, first.choice, progress)?;
     let cross_check = pictures.as_ref().map(|pictures| cross_check(&solve, sensor, pictures));
@@ -105,21 +105,22 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
     })
 }
 
-/// Returns the observations of the first joint solve: `events`, or the centres of circles without events. The board is
-/// fixed, and all intrinsics are estimated.
+/// Returns the observations of the first joint solve: `events`, held by the `points` of the reference frames at first, or these
+/// points alone without events. The board is fixed, and all intrinsics are estimated.
 fn first_input<'a>(
     task: &Task<'a>,
     initial: &InitialModel,
     sensor: Sensor,
     events: Option<EventInput<'a, CalibrateError>>,
-    points: Vec<Vec<PointObservation>>,
+    points: &'a [Vec<PointObservation>],
     left_out: &'a [LeftOut],
 ) -> RefinementInput<'a, CalibrateError> {
     RefinementInput {
         board: task.board,
         sensor,
+        points: if events.is_some() { Vec::new() } else { points.to_vec() },
+        anchors: points,
         events,
-        points,
         point_sigma: initial.report.rms.max(SMALLEST_POINT_SIGMA),
         left_out,
         free_board: [false; BOARD_PARAMETERS],

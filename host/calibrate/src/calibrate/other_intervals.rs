@@ -136,6 +136,7 @@ fn follow_interval(
         sensor: problem.sensor,
         events: Some(EventInput { counts: &counts, read: &read }),
         points: Vec::new(),
+        anchors: &first.points,
         point_sigma: problem.point_sigma,
         left_out: &refined.left_out,
         free_board: [false; BOARD_PARAMETERS],

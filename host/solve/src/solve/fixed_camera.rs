@@ -7,7 +7,7 @@ use super::knot_choice::choose_knots;
 use super::left_out::{LeftOut, leave_out};
 use super::levenberg::{assemble, solve};
 use super::observation_range::{observation_ranges, residuals_at};
-use super::refinement::{Associated, RefinementError, RefinementInput, StageSettings, associate_all, problem};
+use super::refinement::{Associated, RefinementError, RefinementInput, StageSettings, associate_all, hold, problem};
 use super::unexplained::unexplained;
 use crate::solve::equations::border::Columns;
 use crate::solve::equations::system::System;
@@ -45,7 +45,8 @@ pub fn follow<E: Send>(
         leave_out(&mut problem, state, input.left_out);
         Ok::<_, RefinementError<E>>((problem, report))
     };
-    let (first, _) = associated(&state)?;
+    let (mut first, _) = associated(&state)?;
+    hold(&mut first, input.anchors);
     state = solve(&first, state)?.estimate;
     let (mut problem, association) = associated(&state)?;
     let choice = choose_knots(&problem, &state, settings.knots)?;

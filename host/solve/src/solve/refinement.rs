@@ -77,6 +77,10 @@ pub const FIRST_SIGMA: f64 = 0.5;
 /// Fewest events for a class to have biases of its own.
 const FEWEST_OF_CLASS: usize = 500;
 
+/// Spread of the points that hold a trajectory in the first round (px). Its knots are dense and its stiffness is not known yet, so
+/// where few edges cross the motion, events alone would let it slide along them, to edges of other squares.
+const ANCHOR_SIGMA: f64 = 1.0;
+
 /// Smallest spread of circle centres (px) in the joint solve; without it, circles without noise would have an infinite weight.
 pub const SMALLEST_POINT_SIGMA: f64 = 0.02;
 
@@ -118,6 +122,8 @@ pub struct RefinementInput<'a, E> {
     pub points: Vec<Vec<PointObservation>>,
     /// Spread of a circle centre (px).
     pub point_sigma: f64,
+    /// Points of the reference frames of each trajectory, which hold it in the first round.
+    pub anchors: &'a [Vec<PointObservation>],
     /// Intervals that are already excluded when the refinement starts.
     pub left_out: &'a [LeftOut],
     /// Flags of the estimated parameters of the board; the others keep their start values.
@@ -219,6 +225,9 @@ pub fn refine<E: Send>(
         on_progress(ASSOCIATED).map_err(RefinementError::Read)?;
         kept_share = (association.kept as f64 / (association.events.max(1) as f64 * share)).clamp(1e-3, 1.0);
         let mut problem = problem(input, settings, segments, &state);
+        if first && !has_points {
+            hold(&mut problem, input.anchors);
+        }
         if !input.left_out.is_empty() || problem.residual == ResidualMeasure::Plane {
             leave_out(&mut problem, &state, input.left_out);
             let (events, scale) = residuals_and_scale(&problem, &state, &bearings);
@@ -379,6 +388,14 @@ pub(super) fn problem<E>(
         residual: settings.solve.residual,
         huber: HUBER,
         iterations: ITERATIONS,
+    }
+}
+
+/// Adds the points that hold the trajectories in the first round.
+pub(super) fn hold(problem: &mut Problem, anchors: &[Vec<PointObservation>]) {
+    problem.point_sigma = ANCHOR_SIGMA;
+    for (segment, points) in problem.segments.iter_mut().zip(anchors) {
+        segment.points.clone_from(points);
     }
 }
 

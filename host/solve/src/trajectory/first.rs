@@ -19,7 +19,7 @@ const FIRST_SPACING: f64 = 0.00875;
 pub struct FirstTrajectories {
     /// One trajectory per segment whose spline could be fitted.
     pub trajectories: Vec<Trajectory>,
-    /// Circle centres of each trajectory, if there are no events.
+    /// The points of each trajectory's reference frames, in order of time.
     pub points: Vec<Vec<PointObservation>>,
     /// Counts of the reference frames that were kept and dropped.
     pub segments: SegmentReport,
@@ -130,7 +130,7 @@ fn reach(frame: &ReferenceFrame) -> f64 {
     times.fold(0.0, |reach, t| (t - frame.t()).abs().max(reach))
 }
 
-/// Fits the spline of one segment, and returns its circle centres if there are no events.
+/// Fits the spline of one segment, and returns the points of its reference frames.
 fn fit_segment(
     initial: &InitialModel,
     frames: &[ReferenceFrame],
@@ -147,15 +147,12 @@ fn fit_segment(
     let spans: Vec<(f64, f64)> =
         posed.iter().filter_map(|posed| in_frames(posed.frame)).map(|frame| (frame.start, frame.end)).collect();
     let from_circles = posed.iter().filter_map(|posed| in_frames(posed.frame)).all(|frame| !frame.is_from_events());
-    let mut points: Vec<PointObservation> = Vec::new();
-    if from_circles {
-        points.extend(posed.iter().flat_map(|posed| &posed.circles).map(|circle| PointObservation {
-            t: circle.t,
-            pixel: circle.center,
-            circle: circle.index,
-        }));
-        points.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.circle.cmp(&b.circle)));
-    }
+    let mut points: Vec<PointObservation> = posed
+        .iter()
+        .flat_map(|posed| &posed.circles)
+        .map(|circle| PointObservation { t: circle.t, pixel: circle.center, circle: circle.index })
+        .collect();
+    points.sort_by(|a, b| a.t.total_cmp(&b.t).then(a.circle.cmp(&b.circle)));
     let first = points.first().map_or(f64::INFINITY, |point| point.t);
     let last = points.last().map_or(f64::NEG_INFINITY, |point| point.t);
     let start = spans.iter().fold(first, |start, span| start.min(span.0));

@@ -1,0 +1,190 @@
+//! Crossings: kinds of boards, sensors, sources of a recording and devices on the mount, together. Each works alone; this table
+//! shows that they work where they meet.
+//!
+//! Every row is a simulated recording. `check` must recognise its board and print a command that runs, the calibration must be
+//! within its stated bound with the device found, the report must speak of the board in use, and every export must be written.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use evcal_tests::accuracy::Accuracy;
+use evcal_tests::{evcal, made, read_json, succeed, text};
+use serde_json::Value;
+
+/// Where the events come from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Source {
+    /// The simulator's file.
+    File,
+    /// A recording of this format.
+    Converted(&'static str),
+    /// `evcal live` with a replay of the file.
+    Replay,
+}
+
+/// What is calibrated with the camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Extra {
+    Nothing,
+    Imu,
+    SecondCamera,
+    /// The camera's own frames, solved with the events.
+    JointFrames,
+    /// The camera's own frames alone.
+    FramesOnly,
+}
+
+struct Crossing {
+    board: &'static str,
+    sensor: &'static str,
+    source: Source,
+    extra: Extra,
+}
+
+use Extra::{FramesOnly, Imu, JointFrames, Nothing, SecondCamera};
+use Source::{Converted, File, Replay};
+
+const DOTS: &str = "acircles:9x4:55mm:r17.5mm";
+const CHECKERBOARD: &str = "checkerboard:6x9:25mm";
+const APRILGRID: &str = "aprilgrid:6x6:35.2mm:0.3";
+const APRILTAGS: &str = "apriltags:3x4:60mm:0.25";
+const CHARUCO: &str = "charuco:5x7:30mm:22mm:DICT_5X5_50";
+const DAVIS346: &str = "davis346";
+const VGA: &str = "gen31";
+const HD: &str = "imx636";
+
+/// Each board, sensor, source and device at least once.
+const DIAGONAL: [Crossing; 5] = [
+    Crossing { board: DOTS, sensor: VGA, source: Converted("bag"), extra: SecondCamera },
+    Crossing { board: CHECKERBOARD, sensor: DAVIS346, source: Replay, extra: Imu },
+    Crossing { board: APRILGRID, sensor: HD, source: Converted("raw"), extra: Nothing },
+    Crossing { board: APRILTAGS, sensor: VGA, source: File, extra: JointFrames },
+    Crossing { board: CHARUCO, sensor: DAVIS346, source: Converted("mcap"), extra: FramesOnly },
+];
+
+impl Extra {
+    /// Returns the options of the simulator.
+    fn simulated(self) -> &'static [&'static str] {
+        match self {
+            Nothing => &[],
+            Imu => &["--imu"],
+            SecondCamera => &["--second-camera"],
+            JointFrames | FramesOnly => &["--frames", "20"],
+        }
+    }
+
+    /// Returns the part of `calibration.json` that shows that it was used.
+    fn part(self) -> Option<&'static str> {
+        match self {
+            Nothing | FramesOnly => None,
+            Imu => Some("inertial"),
+            SecondCamera => Some("second_cameras"),
+            JointFrames => Some("joint_frames"),
+        }
+    }
+}
+
+impl Crossing {
+    fn name(&self) -> String {
+        let kind = self.board.split(':').next().unwrap_or_default();
+        format!("crossing-{kind}-{}-{:?}", self.sensor, self.extra).to_lowercase()
+    }
+
+    /// Returns the folder of the simulated recording.
+    fn simulated(&self) -> PathBuf {
+        let duration = if self.sensor == HD { "1.5s" } else { "4s" };
+        let options = ["simulate", "--board", self.board, "--sensor", self.sensor, "--duration", duration];
+        made(&self.name(), &[&options[..], &["--seed", "51"], self.extra.simulated()].concat())
+    }
+
+    /// Returns the recording in the form of its source.
+    fn recording(&self, folder: &Path) -> PathBuf {
+        let simulated = self.simulated().join("events.aedat4");
+        match self.source {
+            File | Replay => simulated,
+            Converted(format) => {
+                let converted = folder.join("events").with_extension(format);
+                succeed(&["convert", text(&simulated), text(&converted)]);
+                converted
+            }
+        }
+    }
+
+    fn calibrate(&self, recording: &Path, result: &Path) {
+        let second = self.simulated().join("second.aedat4");
+        let extra: &[&str] = match self.extra {
+            Nothing => &[],
+            Imu => &["--imu"],
+            SecondCamera => &["--with", text(&second)],
+            JointFrames => &["--joint-frames"],
+            FramesOnly => &["--frames-only"],
+        };
+        let command: &[&str] = match self.source {
+            Replay => &["live", "--no-page", "--speed", "max", "--replay"],
+            File | Converted(_) => &["calibrate", "--threads", "2"],
+        };
+        let options = ["--board", self.board, "-o", text(result)];
+        let finished = evcal(&[command, &[text(recording)], &options, extra].concat());
+        assert_eq!(finished.code, Some(0), "{}: {}", self.name(), finished.stderr);
+    }
+
+    /// `check` without a board recognises it, and with the board prints the command that calibrates.
+    fn checked(&self, recording: &Path, folder: &Path) {
+        let printed = succeed(&["check", text(recording)]);
+        let kind = self.board.split(':').next().unwrap_or_default();
+        assert!(printed.contains(&format!("--board {kind}:")), "{}: {printed}", self.name());
+        let printed = succeed(&["check", text(recording), "--board", self.board]);
+        let command = printed.lines().find_map(|line| line.trim().strip_prefix("next: evcal "));
+        let command = command.unwrap_or_else(|| panic!("{}: {printed}", self.name()));
+        let result = folder.join("printed");
+        let words: Vec<&str> =
+            command.split(' ').map(|word| if word == "calibration" { text(&result) } else { word }).collect();
+        let finished = evcal(&words);
+        assert_eq!(finished.code, Some(0), "evcal {command}: {}", finished.stderr);
+    }
+
+    fn is_right(&self) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let recording = self.recording(folder.path());
+        if self.extra != FramesOnly {
+            self.checked(&recording, folder.path());
+        }
+        let result = folder.path().join("result");
+        self.calibrate(&recording, &result);
+
+        let json = read_json(&result.join("calibration.json"));
+        let accuracy = Accuracy::of(&result, &self.simulated());
+        let bound = json["uncertainty"]["projection_rms_95"].as_f64().expect("a bound");
+        assert!(accuracy.projection_rms <= bound, "{}: {accuracy:?}, stated {bound}", self.name());
+        let grade = &json["verdict"]["grade"];
+        assert!(grade == "good" || grade == "usable", "{}: {}", self.name(), json["verdict"]);
+        if let Some(part) = self.extra.part() {
+            assert!(json.get(part).is_some_and(|part| *part != Value::Null), "{}: no {part} in {json}", self.name());
+        }
+
+        let report = fs::read_to_string(result.join("report.html")).expect("a report");
+        let other = if self.board == DOTS { "corners of the board" } else { "circles" };
+        assert!(!report.contains(other), "{}: the report speaks of {other}", self.name());
+        succeed(&["export", text(&result), "--format", "all", "-o", text(&folder.path().join("exports"))]);
+    }
+}
+
+#[test]
+fn each_board_works_with_each_sensor_source_and_device() {
+    for crossing in &DIAGONAL {
+        crossing.is_right();
+    }
+}
+
+/// Every board with every device from every source; a quarter of an hour.
+#[test]
+#[ignore = "part of make test-all"]
+fn all_boards_work_with_all_devices_and_sources() {
+    for board in [DOTS, CHECKERBOARD, APRILGRID, APRILTAGS, CHARUCO] {
+        for extra in [Nothing, Imu, SecondCamera, JointFrames, FramesOnly] {
+            for source in [File, Replay, Converted("bag"), Converted("mcap")] {
+                Crossing { board, sensor: DAVIS346, source, extra }.is_right();
+            }
+        }
+    }
+}
