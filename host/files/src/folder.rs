@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use super::exchange::exchange;
+use super::remedy::{Remedy, Words};
 #[cfg(target_os = "linux")]
 use super::swap::swap;
 use super::unfinished::Begun;
@@ -27,6 +28,16 @@ pub enum FolderError {
     /// The name of a result is in use.
     #[error("{0}")]
     Blocked(#[from] Blocked),
+}
+
+impl Remedy for FolderError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        Some(match self {
+            Self::Exists(_) => format!("choose another folder, or replace the results with {}", say.force?),
+            Self::Busy(_) => format!("wait until it ends, or choose another folder with {}", say.output?),
+            Self::Unusable(_) | Self::Blocked(_) => format!("choose another folder with {}", say.output?),
+        })
+    }
 }
 
 /// File or folder that occupies the name of a result.

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::remedy::{Remedy, Words};
 use super::{FileError, is_stream, paths, try_out, visible};
 
 /// Treatment of files that already exist.
@@ -31,6 +32,15 @@ pub enum OutputError {
     /// The operating system does not allow it.
     #[error("{0}")]
     Unusable(#[from] FileError),
+}
+
+impl Remedy for OutputError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Exists(_) => Some(format!("choose another name, or replace it with {}", say.force?)),
+            _ => None,
+        }
+    }
 }
 
 /// Checks before the work that files can be written at all `paths`, and that none of them is one of the `inputs`. Pipes

@@ -23,6 +23,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use evcal_files::remedy::{Remedy, Words};
 use hyper::body::Bytes;
 use serde::Serialize;
 use tokio::sync::{oneshot, watch};
@@ -99,6 +100,16 @@ pub enum PageError {
     /// The operating system provided no thread or no random numbers.
     #[error("the page cannot be served: {0}")]
     System(io::Error),
+}
+
+impl Remedy for PageError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        let without = say.no_page?;
+        Some(match self {
+            Self::Port { .. } => format!("choose another with {}, or run without a page with {without}", say.port?),
+            Self::System(_) => format!("add {without} to run without a page"),
+        })
+    }
 }
 
 /// A page that is being served until this value is dropped.

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use evcal_core::event::Polarity;
+use evcal_files::remedy::{Remedy, Words};
 
 use crate::options::{Column, Columns, TimeUnit};
 
@@ -37,6 +38,18 @@ pub enum LayoutError {
     /// Several orders fit the values.
     #[error("the columns cannot be distinguished")]
     Ambiguous,
+}
+
+impl Remedy for LayoutError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Names(_) | Self::FirstLine(_) | Self::FieldCount(_) | Self::Unclear | Self::Ambiguous => {
+                Some(format!("give its columns with {}, for example t,x,y,p", say.columns))
+            }
+            Self::Named => Some(format!("leave out {}", say.columns)),
+            Self::NoText | Self::NoRows | Self::NoNumbers => None,
+        }
+    }
 }
 
 /// Number of rows that are examined.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use evcal_core::sensor::Sensor;
+use evcal_files::remedy::{Remedy, Words};
 
 use super::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use super::pictures::TimedImage;
@@ -38,6 +39,15 @@ pub enum ImagesError {
     /// The bag cannot be read.
     #[error("{0}")]
     Topic(#[from] RecordingError),
+}
+
+impl Remedy for ImagesError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Folder(_) => None,
+            Self::Topic(error) => error.remedy(say),
+        }
+    }
 }
 
 impl Images {

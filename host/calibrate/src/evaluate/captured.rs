@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::remedy::{Remedy, Words};
 use evcal_files::text;
 use nalgebra::Isometry3;
 
@@ -61,6 +62,16 @@ pub enum CapturedError {
         /// The reason.
         error: MotionCaptureError,
     },
+}
+
+impl Remedy for CapturedError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Open { .. } => Some(format!("give it with {}", say.trajectory?)),
+            Self::Capture(error) => error.remedy(say),
+            _ => None,
+        }
+    }
 }
 
 /// Compares the trajectory of a calibration with a capture. Returns the result and the name of the trajectory's file. If the

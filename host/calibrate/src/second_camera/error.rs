@@ -1,5 +1,6 @@
 //! Errors of the calibration of a second camera.
 
+use evcal_files::remedy::{Remedy, Words};
 use evcal_solve::solve::SolveError;
 use evcal_solve::trajectory::alignment::AlignmentError;
 
@@ -91,6 +92,22 @@ pub enum SecondCameraError {
     /// The equations could not be built.
     #[error(transparent)]
     Solve(SolveError),
+}
+
+impl Remedy for SecondCameraError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        let with = say.with?;
+        Some(match self {
+            Self::NoTrajectory => {
+                format!("leave out {}, and give a recording of events before {with}", say.frames_only?)
+            }
+            Self::CirclesOfSecond => format!("give its events with {with}"),
+            Self::SeveralRecordings => format!("give one recording before {with}"),
+            Self::SameRecording { .. } => format!("give the recording of another camera with {with}"),
+            Self::RollingShutter { .. } => format!("add {}", say.rolling_shutter?),
+            _ => return None,
+        })
+    }
 }
 
 impl From<SolveError> for SecondCameraError {

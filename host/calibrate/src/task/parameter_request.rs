@@ -2,6 +2,7 @@
 
 use evcal_core::camera::{MAX_PARAMETERS, ModelKind};
 
+use evcal_files::remedy::{Remedy, Words};
 use evcal_geometry::board::any_length;
 use evcal_geometry::board::shape::PARAMETERS;
 
@@ -45,6 +46,17 @@ pub enum ParameterError {
     /// The value is not possible.
     #[error("{0}: this value is not possible for a board")]
     Impossible(String),
+}
+
+impl Remedy for ParameterError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Unknown { model: None, .. } => Some(format!("give the camera model with {}", say.model)),
+            Self::Value(_) => Some(format!("for example {}", say.fix?.with("k3=0"))),
+            Self::Both(_) => Some(format!("leave out {} or {}", say.fix?, say.free?)),
+            _ => None,
+        }
+    }
 }
 
 /// Lists all valid names.

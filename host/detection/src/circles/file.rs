@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use evcal_files::remedy::{Remedy, Words};
 use event_recordings::{Head, Recording, RecordingError, RecordingOptions};
 
 use super::{stream, track};
@@ -44,6 +45,15 @@ pub enum EventsError {
     /// It cannot be read as a recording.
     #[error("{0}")]
     Recording(#[from] RecordingError),
+}
+
+impl Remedy for EventsError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Circles(_) => Some(format!("{} reads this file; other commands need the recording", say.calibrate?)),
+            Self::Recording(error) => error.remedy(say),
+        }
+    }
 }
 
 /// Opens the events of the file or folder at `path`.

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use evcal_core::pattern::{Layout, Pattern};
+use evcal_files::remedy::{Remedy, Words};
 use nalgebra::Vector2;
 
 use super::Board;
@@ -34,6 +35,16 @@ pub struct CircleBoardError {
     pub text: String,
     /// The problem.
     pub problem: BoardProblem,
+}
+
+impl Remedy for CircleBoardError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self.problem {
+            BoardProblem::NoCircles(_) => Some(format!("print one with {}", say.board_pdf?)),
+            BoardProblem::File => Some(format!("give recordings without an option, not with {}", say.board)),
+            _ => None,
+        }
+    }
 }
 
 /// Problem of a board description.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use evcal_files::remedy::{Remedy, Words};
 use serde::{Deserialize, Serialize};
 
 /// Reasons why a reference frame is not part of the initial model.
@@ -218,4 +219,14 @@ pub enum InitialError {
         /// Standard deviation of the focal length in percent of it.
         percent: f64,
     },
+}
+
+impl Remedy for InitialError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Mirrored { .. } => Some(format!("flip x in the recording or correct {}", say.board)),
+            Self::NoCamera { .. } => Some(format!("check {} and {}", say.board, say.model)),
+            _ => None,
+        }
+    }
 }

@@ -12,6 +12,7 @@ mod motive;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::remedy::{Remedy, Words};
 use evcal_files::text::excerpt;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -29,6 +30,18 @@ pub struct CaptureFileError {
     pub path: PathBuf,
     /// The reason.
     pub reason: CaptureError,
+}
+
+impl Remedy for CaptureFileError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self.reason {
+            CaptureError::OtherBodies { .. } | CaptureError::SeveralBodies { .. } => {
+                Some(format!("choose it with {}", say.body?))
+            }
+            CaptureError::NoNames => Some(format!("leave out {}", say.body?)),
+            _ => None,
+        }
+    }
 }
 
 /// Problems of the content of a capture.

@@ -15,6 +15,7 @@ use super::recognised::{Recognised, find_board, find_squares, in_lengths_of, is_
 use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 use crate::detection::order_frames;
 use crate::detection::settings::DetectionSettings;
+use evcal_files::remedy::{Remedy, Words};
 use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 use evcal_squares::recognition::RecognisedBoard;
 use event_recordings::{Recording, RecordingError};
@@ -47,6 +48,15 @@ impl OtherReading {
             Self::Kind(Recognised::Circles(layout)) => Some(layout.pattern),
             Self::Kind(Recognised::Squares(_)) => None,
         }
+    }
+}
+
+impl Remedy for OtherReading {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        Some(match self {
+            Self::Board { board, .. } => format!("use {}", say.board.with(board)),
+            Self::Kind(found) => format!("for example {}", say.board.with(found.example())),
+        })
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use evcal_calibrate::calibrate::calibrate;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
@@ -24,33 +24,38 @@ use evcal_calibrate::task::step::Step;
 use evcal_calibrate::task::{PictureUse, Task};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_files::remedy::{Remedy, Words};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
-use evcal_report::output::failure::{Failure, write_failure};
+use evcal_report::output::failure::write_failure;
 use evcal_report::output::folder::{Written, write_folder};
 use evcal_report::output::summary::Summary;
 use evcal_solve::initial::model_choice::ModelRequest;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use rayon::ThreadPool;
 
-use super::super::advice::calibrate::worded;
-use super::super::advice::with_advice;
 use super::super::progress::Waiting;
-use super::super::{NotGoodEnough, Outcome, command_line, print};
+use super::super::{Failure, Negative, Outcome, command_line, print};
 use super::CalibrationArguments;
 use super::fixed::{FixedCameras, OtherSensor};
 
 /// A failed calibration, and the files that describe the failure.
 #[derive(Debug, thiserror::Error)]
-#[error("{error}{}", files_of(.failure))]
-pub(super) struct Failed {
+#[error("{error}{}", files_of(files))]
+struct Failed {
     #[source]
     error: CalibrateError,
-    pub(super) failure: Failure,
+    files: Vec<PathBuf>,
 }
 
-fn files_of(failure: &Failure) -> String {
-    let files: Vec<String> = failure.files.iter().map(visible::path).collect();
+impl Remedy for Failed {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        self.error.remedy(say)
+    }
+}
+
+fn files_of(files: &[PathBuf]) -> String {
+    let files: Vec<String> = files.iter().map(visible::path).collect();
     if files.is_empty() { String::new() } else { format!("\n  details: {}", files.join(", ")) }
 }
 
@@ -121,7 +126,7 @@ impl Work<'_> {
             parameters: self.parameters,
             settings: self.settings,
             command_line,
-            wording: worded,
+            words: &Words::PROGRAM,
             readers: self.readers.as_ref(),
         }
     }
@@ -185,8 +190,10 @@ impl Work<'_> {
                 if !self.arguments.json {
                     self.print_assumptions();
                 }
-                let failure = write_failure(folder.path(), &task, &error, with_advice(&error), attempt.stages)?;
-                return Err(Failed { error, failure }.into());
+                let text = error.advised(&Words::PROGRAM);
+                let written = write_failure(folder.path(), &task, &error, text, attempt.stages)?;
+                let failed = Failed { error, files: written.files.clone() };
+                return Err(Failure::from(failed).with_details(written));
             }
         };
         let inertial = self.add_inertial(&mut calibrated, &mut waiting);
@@ -213,7 +220,7 @@ impl Work<'_> {
             return Err(AllNotCalibrated(failed).into());
         }
         match worst_grade(&calibrated) {
-            Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
+            Grade::NotGood if !self.arguments.accept_any => Err(Negative::Calibration.into()),
             _ => Ok(()),
         }
     }
@@ -232,6 +239,17 @@ enum OtherError {
     Together(#[from] SecondCameraError),
 }
 
+impl Remedy for OtherError {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self {
+            Self::Inertial(error) => error.remedy(say),
+            Self::Sensor(_) => None,
+            Self::Alone(error) => error.remedy(say),
+            Self::Together(error) => error.remedy(say),
+        }
+    }
+}
+
 /// The IMU or another camera that was not calibrated, with the reason.
 #[derive(Debug)]
 struct NotCalibrated {
@@ -246,20 +264,23 @@ struct AllNotCalibrated(Vec<NotCalibrated>);
 
 impl std::error::Error for AllNotCalibrated {}
 
+/// The text contains the remedies.
+impl Remedy for AllNotCalibrated {}
+
 impl fmt::Display for AllNotCalibrated {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0.as_slice() {
             // A single error is printed without a name in front, because it contains the name. Only `Alone` does not
             // contain it.
             [NotCalibrated { what, error: error @ OtherError::Alone(_) }] => {
-                write!(f, "{what}: {}", with_advice(error))
+                write!(f, "{what}: {}", error.advised(&Words::PROGRAM))
             }
-            [NotCalibrated { error, .. }] => f.write_str(&with_advice(error)),
+            [NotCalibrated { error, .. }] => f.write_str(&error.advised(&Words::PROGRAM)),
             several => {
                 write!(f, "{} were not calibrated:", several.len())?;
-                several
-                    .iter()
-                    .try_for_each(|NotCalibrated { what, error }| write!(f, "\n  {what}: {}", with_advice(error)))
+                several.iter().try_for_each(|NotCalibrated { what, error }| {
+                    write!(f, "\n  {what}: {}", error.advised(&Words::PROGRAM))
+                })
             }
         }
     }
