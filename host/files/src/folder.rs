@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use super::exchange::exchange;
-use super::remedy::{Remedy, Words};
 #[cfg(target_os = "linux")]
 use super::swap::swap;
 use super::unfinished::Begun;
 use super::{FileError, paths, remove_scratch, scratch_in, unfinished, visible};
+use crate::remedies;
 
 /// Reason why results cannot be written to a folder.
 #[derive(Debug, thiserror::Error)]
@@ -30,14 +30,10 @@ pub enum FolderError {
     Blocked(#[from] Blocked),
 }
 
-impl Remedy for FolderError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        Some(match self {
-            Self::Exists(_) => format!("choose another folder, or replace the results with {}", say.force?),
-            Self::Busy(_) => format!("wait until it ends, or choose another folder with {}", say.output?),
-            Self::Unusable(_) | Self::Blocked(_) => format!("choose another folder with {}", say.output?),
-        })
-    }
+remedies! { FolderError, say;
+    Self::Exists(_) => "choose another folder, or replace the results with {}", say.force?;
+    Self::Busy(_) => "wait until it ends, or choose another folder with {}", say.output?;
+    Self::Unusable(_) | Self::Blocked(_) => "choose another folder with {}", say.output?;
 }
 
 /// File or folder that occupies the name of a result.

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::remedy::{Remedy, Words};
 use super::{FileError, is_stream, paths, try_out, visible};
+use crate::remedies;
 
 /// Treatment of files that already exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,13 +34,8 @@ pub enum OutputError {
     Unusable(#[from] FileError),
 }
 
-impl Remedy for OutputError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Exists(_) => Some(format!("choose another name, or replace it with {}", say.force?)),
-            _ => None,
-        }
-    }
+remedies! { OutputError, say;
+    Self::Exists(_) => "choose another name, or replace it with {}", say.force?;
 }
 
 /// Checks before the work that files can be written at all `paths`, and that none of them is one of the `inputs`. Pipes

@@ -23,6 +23,31 @@ pub trait Remedy: Display {
 
 impl Remedy for std::io::Error {}
 
+/// Implements [`Remedy`] for an error by a table of its variants and their remedies: a text with its arguments, or an
+/// expression such as the remedy of a wrapped error. Variants without a row have no remedy.
+#[macro_export]
+macro_rules! remedies {
+    (@($error:ty, $say:ident) [$({$pattern:pat}{$next:expr})*]) => {
+        impl $crate::remedy::Remedy for $error {
+            fn remedy(&self, $say: &$crate::remedy::Words) -> Option<String> {
+                $(if let $pattern = self {
+                    return $next;
+                })*
+                None
+            }
+        }
+    };
+    (@$of:tt [$($rows:tt)*] $pattern:pat => $text:literal $(, $word:expr)*; $($rest:tt)*) => {
+        $crate::remedies! { @$of [$($rows)* {$pattern}{Some(format!($text $(, $word)*))}] $($rest)* }
+    };
+    (@$of:tt [$($rows:tt)*] $pattern:pat => $next:expr; $($rest:tt)*) => {
+        $crate::remedies! { @$of [$($rows)* {$pattern}{$next}] $($rest)* }
+    };
+    ($error:ty, $say:ident; $($rows:tt)*) => {
+        $crate::remedies! { @($error, $say) [] $($rows)* }
+    };
+}
+
 /// Name of an option, an argument or a command in a program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Word(&'static str);
@@ -145,6 +170,30 @@ impl Words {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[derive(Debug, thiserror::Error)]
+    enum Mistake {
+        #[error("the file exists")]
+        File,
+        #[error("{0}")]
+        Wrapped(Box<Self>),
+        #[error("the disk is full")]
+        Disk,
+    }
+
+    crate::remedies! { Mistake, say;
+        Self::File => "replace it with {}, or skip damage with {}", say.force?, say.skip_damaged?;
+        Self::Wrapped(error) => error.remedy(say);
+    }
+
+    #[test]
+    fn a_remedy_needs_a_row_and_all_its_options() {
+        let wrapped = Mistake::Wrapped(Box::new(Mistake::File));
+        let whole = "the file exists; replace it with --force, or skip damage with --skip-damaged";
+        assert_eq!(wrapped.advised(&Words::PROGRAM), whole);
+        assert_eq!(wrapped.advised(&Words::PYTHON), "the file exists");
+        assert_eq!(Mistake::Disk.remedy(&Words::PROGRAM), None);
+    }
 
     #[test]
     fn values_are_written_as_in_a_shell_in_python_and_in_a_sentence() {

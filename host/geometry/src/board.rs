@@ -14,7 +14,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use evcal_core::pattern::Pattern;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use nalgebra::Vector2;
 
 pub use self::circles::{BOARD_FORM, BoardProblem, CircleBoard, CircleBoardError, any_length, layout_name};
@@ -33,13 +33,8 @@ pub enum BoardError {
     Squares(#[from] SquareBoardError),
 }
 
-impl Remedy for BoardError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Circles(error) => error.remedy(say),
-            Self::Squares(_) => None,
-        }
-    }
+remedies! { BoardError, say;
+    Self::Circles(error) => error.remedy(say);
 }
 
 /// A printed board. World coordinates: x and y on the board, z = 0; a camera in front of it is at z < 0.

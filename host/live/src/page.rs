@@ -23,7 +23,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use hyper::body::Bytes;
 use serde::Serialize;
 use tokio::sync::{oneshot, watch};
@@ -102,14 +102,9 @@ pub enum PageError {
     System(io::Error),
 }
 
-impl Remedy for PageError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        let without = say.no_page?;
-        Some(match self {
-            Self::Port { .. } => format!("choose another with {}, or run without a page with {without}", say.port?),
-            Self::System(_) => format!("add {without} to run without a page"),
-        })
-    }
+remedies! { PageError, say;
+    Self::Port { .. } => "choose another with {}, or run without a page with {}", say.port?, say.no_page?;
+    Self::System(_) => "add {} to run without a page", say.no_page?;
 }
 
 /// A page that is being served until this value is dropped.

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use evcal_core::event::Polarity;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 
 use crate::options::{Column, Columns, TimeUnit};
 
@@ -40,16 +40,10 @@ pub enum LayoutError {
     Ambiguous,
 }
 
-impl Remedy for LayoutError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Names(_) | Self::FirstLine(_) | Self::FieldCount(_) | Self::Unclear | Self::Ambiguous => {
-                Some(format!("give its columns with {}, for example t,x,y,p", say.columns))
-            }
-            Self::Named => Some(format!("leave out {}", say.columns)),
-            Self::NoText | Self::NoRows | Self::NoNumbers => None,
-        }
-    }
+remedies! { LayoutError, say;
+    Self::Names(_) | Self::FirstLine(_) | Self::FieldCount(_) | Self::Unclear | Self::Ambiguous =>
+        "give its columns with {}, for example t,x,y,p", say.columns;
+    Self::Named => "leave out {}", say.columns;
 }
 
 /// Number of rows that are examined.

@@ -23,7 +23,7 @@ use crate::read_report::ReadReport;
 use crate::reader::EventReader;
 use crate::recording::Recording;
 use crate::remedies::remedy_of_capture;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_files::{FileError, NewFile};
 
 /// Returns the output format for the extension of `path`.
@@ -116,20 +116,15 @@ pub enum ConvertError {
     StartUnknown(PathBuf),
 }
 
-impl Remedy for ConvertError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Recording(error) => error.remedy(say),
-            Self::OtherSensor(error) => error.remedy(say),
-            Self::Capture { error, .. } => remedy_of_capture(error, say),
-            Self::Write { error, .. } => error.remedy(say),
-            Self::Nothing(error) => error.remedy(say),
-            Self::Extension(_) => Some(format!("or give the format with {}", say.to?)),
-            Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say)),
-            Self::CopiedTimes(_) => Some(format!("leave out {}", say.unix_time?)),
-            Self::StartUnknown(_) => None,
-        }
-    }
+remedies! { ConvertError, say;
+    Self::Recording(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::Capture { error, .. } => remedy_of_capture(error, say);
+    Self::Write { error, .. } => error.remedy(say);
+    Self::Nothing(error) => error.remedy(say);
+    Self::Extension(_) => "or give the format with {}", say.to?;
+    Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say));
+    Self::CopiedTimes(_) => "leave out {}", say.unix_time?;
 }
 
 fn as_text<S: Serializer>(error: &Option<ConvertError>, to: S) -> Result<S::Ok, S::Error> {

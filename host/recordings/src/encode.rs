@@ -5,7 +5,7 @@ use std::io;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use usb_davis::capture::{Capture, CaptureError};
 use usb_davis::dump::DumpError;
 use usb_davis::protocol::EncodeError;
@@ -60,16 +60,9 @@ pub enum WriteError {
     Dump(#[from] DumpError),
 }
 
-impl Remedy for WriteError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Jump { .. } | Self::Pauses { .. } => Some(format!(
-                "if the unit of its timestamps is wrong, give it with {}; otherwise cut the recording there",
-                say.time_unit
-            )),
-            _ => None,
-        }
-    }
+remedies! { WriteError, say;
+    Self::Jump { .. } | Self::Pauses { .. } =>
+        "if the unit of its timestamps is wrong, give it with {}; otherwise cut the recording there", say.time_unit;
 }
 
 /// Longest jump forward in µs for formats that count time in words: one day. A damaged time could otherwise fill the

@@ -2,7 +2,7 @@
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 
 use super::likely_sensor::{likely_sensor_of, likely_words};
 use crate::options::RecordingOptions;
@@ -97,31 +97,19 @@ pub enum OtherSensor {
     },
 }
 
-impl Remedy for OtherSensor {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        let swapped = |sensor: &Sensor| format!("write {}", say.size(sensor.height, sensor.width));
-        Some(match self {
-            Self::TooSmall { own: Some(_), .. } | Self::TooLarge { .. } => format!("leave out {}", say.sensor),
-            Self::Exchanged { exchanged: Exchanged::RequestedSize, sensor, .. } => swapped(sensor),
-            Self::Exchanged { exchanged: Exchanged::FileSize, sensor, .. } => {
-                format!("the size in the file has them swapped; {}", swapped(sensor))
-            }
-            Self::Exchanged { exchanged: Exchanged::Columns, .. } => {
-                format!("give the order of the columns with {}, such as t,y,x,p", say.columns)
-            }
-            Self::Exchanged { exchanged: Exchanged::File, .. } => {
-                "the program that wrote the file swapped them; write the file again".to_owned()
-            }
-            Self::StatedTooSmall { likely: Some(likely), .. } => {
-                format!("give the true size: {}", say.size(likely.width, likely.height))
-            }
-            Self::CountedFromOne { .. } => "subtract 1 from x and y".to_owned(),
-            Self::NoPixels { .. } => format!("give the columns of x and y with {}", say.columns),
-            Self::TooSmall { own: None, .. } | Self::StatedTooSmall { likely: None, .. } => {
-                format!("give the true size with {}", say.sensor)
-            }
-        })
-    }
+remedies! { OtherSensor, say;
+    Self::TooSmall { own: Some(_), .. } | Self::TooLarge { .. } => "leave out {}", say.sensor;
+    Self::Exchanged { exchanged: Exchanged::RequestedSize, sensor, .. } => "write {}", say.size(sensor.height, sensor.width);
+    Self::Exchanged { exchanged: Exchanged::FileSize, sensor, .. } =>
+        "the size in the file has them swapped; write {}", say.size(sensor.height, sensor.width);
+    Self::Exchanged { exchanged: Exchanged::Columns, .. } =>
+        "give the order of the columns with {}, such as t,y,x,p", say.columns;
+    Self::Exchanged { exchanged: Exchanged::File, .. } =>
+        "the program that wrote the file swapped them; write the file again";
+    Self::StatedTooSmall { likely: Some(likely), .. } => "give the true size: {}", say.size(likely.width, likely.height);
+    Self::CountedFromOne { .. } => "subtract 1 from x and y";
+    Self::NoPixels { .. } => "give the columns of x and y with {}", say.columns;
+    _ => "give the true size with {}", say.sensor;
 }
 
 /// Part of the input in which x and y are exchanged.

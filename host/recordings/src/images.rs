@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use evcal_core::sensor::Sensor;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 
 use super::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use super::pictures::TimedImage;
@@ -41,13 +41,8 @@ pub enum ImagesError {
     Topic(#[from] RecordingError),
 }
 
-impl Remedy for ImagesError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Folder(_) => None,
-            Self::Topic(error) => error.remedy(say),
-        }
-    }
+remedies! { ImagesError, say;
+    Self::Topic(error) => error.remedy(say);
 }
 
 impl Images {

@@ -2,54 +2,42 @@
 
 use std::path::Path;
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
+use evcal_files::remedy::Words;
 use usb_davis::capture::CaptureError;
 
 use super::image_folder::{TABLE, is_image};
 use super::likely_sensor::add_sensor;
 use super::text::LineError;
-use crate::error::{RecordingError, RecordingErrorKind, Usable};
+use crate::error::{RecordingError, RecordingErrorKind as Kind, Usable};
 
-impl Remedy for RecordingError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        Some(match &self.kind {
-            RecordingErrorKind::Missing(_) => remedy_of_missing(&self.path).to_owned(),
-            RecordingErrorKind::Directory { .. } if self.path.join("calibration.json").is_file() => {
-                format!("give the recording; this folder contains a calibration, for {}", say.of_calibrations?)
-            }
-            RecordingErrorKind::Directory { recordings } => return one_of(recordings, say),
-            RecordingErrorKind::Unsupported(format) => return format.remedy(say),
-            RecordingErrorKind::Damaged { usable: Usable::Around, .. } | RecordingErrorKind::DamagedChunk { .. } => {
-                format!("skip the damaged parts with {}", say.skip_damaged?)
-            }
-            RecordingErrorKind::Damaged { usable: Usable::Nothing, .. } => {
-                "copy it again; if the program that wrote an HDF5 file was killed, h5clear -s may repair it".to_owned()
-            }
-            RecordingErrorKind::BagMetadata(_) => "give the .db3 or .mcap file itself".to_owned(),
-            RecordingErrorKind::Line { what: LineError::FieldCount { count, columns }, .. } => {
-                match *count > columns.as_slice().len() {
-                    true => format!(
-                        "if numbers have decimal commas, write 0.5 instead of 0,5; otherwise give all columns with {}",
-                        say.columns
-                    ),
-                    false => format!("give the columns of the file with {}, or complete the line", say.columns),
-                }
-            }
-            RecordingErrorKind::Line { what: LineError::Time { .. }, .. } | RecordingErrorKind::EventTime { .. } => {
-                format!("give the unit with {}", say.time_unit)
-            }
-            RecordingErrorKind::NoEffect { option, .. } => format!("leave out {}", option.word(say)?),
-            RecordingErrorKind::Filter(_) => {
-                "rewrite it with h5repack -f GZIP=4 IN OUT on a computer with that compression filter".to_owned()
-            }
-            RecordingErrorKind::Sensor { .. } => format!("give the true size with {}", say.sensor),
-            RecordingErrorKind::ChipUnknown => add_sensor(None, say),
-            RecordingErrorKind::SeveralImageTopics(_) => format!("choose one with {}", say.with_stream?),
-            RecordingErrorKind::Layout(error) => return error.remedy(say),
-            RecordingErrorKind::Capture(error) => return remedy_of_capture(error, say),
-            _ => return None,
-        })
-    }
+remedies! { RecordingError, say;
+    Self { kind: Kind::Missing(_), path } => Some(of_missing(path).to_owned());
+    Self { kind: Kind::Directory { recordings }, path } => of_folder(path, recordings, say);
+    Self { kind: Kind::Unsupported(format), .. } => format.remedy(say);
+    Self { kind: Kind::Damaged { usable: Usable::Around, .. } | Kind::DamagedChunk { .. }, .. } =>
+        "skip the damaged parts with {}", say.skip_damaged?;
+    Self { kind: Kind::Damaged { usable: Usable::Nothing, .. }, .. } =>
+        "copy it again; if the program that wrote an HDF5 file was killed, h5clear -s may repair it";
+    Self { kind: Kind::BagMetadata(_), .. } => "give the .db3 or .mcap file itself";
+    Self { kind: Kind::Line { what: LineError::FieldCount { count, columns }, .. }, .. } =>
+        Some(match *count > columns.as_slice().len() {
+            true => format!(
+                "if numbers have decimal commas, write 0.5 instead of 0,5; otherwise give all columns with {}",
+                say.columns
+            ),
+            false => format!("give the columns of the file with {}, or complete the line", say.columns),
+        });
+    Self { kind: Kind::Line { what: LineError::Time { .. }, .. } | Kind::EventTime { .. }, .. } =>
+        "give the unit with {}", say.time_unit;
+    Self { kind: Kind::NoEffect { option, .. }, .. } => "leave out {}", option.word(say)?;
+    Self { kind: Kind::Filter(_), .. } =>
+        "rewrite it with h5repack -f GZIP=4 IN OUT on a computer with that compression filter";
+    Self { kind: Kind::Sensor { .. }, .. } => "give the true size with {}", say.sensor;
+    Self { kind: Kind::ChipUnknown, .. } => Some(add_sensor(None, say));
+    Self { kind: Kind::SeveralImageTopics(_), .. } => "choose one with {}", say.with_stream?;
+    Self { kind: Kind::Layout(error), .. } => error.remedy(say);
+    Self { kind: Kind::Capture(error), .. } => remedy_of_capture(error, say);
 }
 
 /// Returns the remedy for an error of `usb-davis`.
@@ -66,21 +54,22 @@ pub(crate) fn remedy_of_capture(error: &CaptureError, say: &Words) -> Option<Str
 const MOST_NAMED: usize = 3;
 
 /// Returns the remedy for a folder with these files that may be recordings.
-fn one_of(recordings: &[String], say: &Words) -> Option<String> {
-    let named: Vec<&str> = recordings.iter().take(MOST_NAMED).map(String::as_str).collect();
-    let more = if recordings.len() > MOST_NAMED { " …" } else { "" };
+fn of_folder(path: &Path, recordings: &[String], say: &Words) -> Option<String> {
     let is_of_images = |name: &String| name == TABLE || is_image(Path::new(name));
-    Some(match named.is_empty() {
-        false if recordings.iter().all(is_of_images) => {
-            format!("to calibrate from images, add {}", say.frames_only?)
+    let named = recordings.iter().take(MOST_NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let more = if recordings.len() > MOST_NAMED { " …" } else { "" };
+    Some(match recordings {
+        _ if path.join("calibration.json").is_file() => {
+            format!("give the recording; this folder contains a calibration, for {}", say.of_calibrations?)
         }
-        true => "give the recording in it".to_owned(),
-        false => format!("give the recording in it ({}{more})", named.join(", ")),
+        [] => "give the recording in it".to_owned(),
+        _ if recordings.iter().all(is_of_images) => format!("to calibrate from images, add {}", say.frames_only?),
+        _ => format!("give the recording in it ({named}{more})"),
     })
 }
 
 /// Returns the remedy for a path that does not exist.
-fn remedy_of_missing(path: &Path) -> &'static str {
+fn of_missing(path: &Path) -> &'static str {
     let text = path.to_string_lossy();
     if text == "-" {
         "standard input is not supported, because a recording is read more than once: write it to a file first"

@@ -13,7 +13,7 @@ use crate::calibrate::calibrated::Calibrated;
 use crate::task::Task;
 use crate::task::error::CalibrateError;
 use crate::task::input::Input;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_geometry::numerics::random::uniform_in;
 use evcal_solve::initial::model_choice::ModelRequest;
@@ -114,17 +114,11 @@ pub enum RepeatError {
     },
 }
 
-impl Remedy for RepeatError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Source(error) => error.remedy(say),
-            Self::OtherSensor(error) => error.remedy(say),
-            Self::TooFew { .. } => Some(format!("try longer parts with {}", say.seconds?)),
-            Self::TooShort { duration, .. } => {
-                Some(format!("try {}", say.seconds?.with_seconds(shorter_parts(*duration)?)))
-            }
-        }
-    }
+remedies! { RepeatError, say;
+    Self::Source(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::TooFew { .. } => "try longer parts with {}", say.seconds?;
+    Self::TooShort { duration, .. } => "try {}", say.seconds?.with_seconds(shorter_parts(*duration)?);
 }
 
 /// Returns a length of parts (s) that suits a recording of this length (s); `None` if the recording is too short for any.

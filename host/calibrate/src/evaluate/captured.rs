@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_files::text;
 use nalgebra::Isometry3;
 
@@ -64,14 +64,9 @@ pub enum CapturedError {
     },
 }
 
-impl Remedy for CapturedError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Open { .. } => Some(format!("give it with {}", say.trajectory?)),
-            Self::Capture(error) => error.remedy(say),
-            _ => None,
-        }
-    }
+remedies! { CapturedError, say;
+    Self::Open { .. } => "give it with {}", say.trajectory?;
+    Self::Capture(error) => error.remedy(say);
 }
 
 /// Compares the trajectory of a calibration with a capture. Returns the result and the name of the trajectory's file. If the

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_files::text;
 
 use super::intrinsics::{IntrinsicsComparison, compare_intrinsics};
@@ -169,15 +169,9 @@ pub enum CompareError {
     },
 }
 
-impl Remedy for CompareError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        let option = match self {
-            Self::NoTrajectory { which: TrajectoryOf::Calibration, .. } => say.trajectory,
-            Self::NoTrajectory { which: TrajectoryOf::Truth, .. } => say.true_trajectory,
-            _ => None,
-        };
-        Some(format!("give it with {}", option?))
-    }
+remedies! { CompareError, say;
+    Self::NoTrajectory { which: TrajectoryOf::Calibration, .. } => "give it with {}", say.trajectory?;
+    Self::NoTrajectory { which: TrajectoryOf::Truth, .. } => "give it with {}", say.true_trajectory?;
 }
 
 /// Compares a calibration with the truth or with another calibration.

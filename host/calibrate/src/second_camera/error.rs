@@ -1,6 +1,6 @@
 //! Errors of the calibration of a second camera.
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_solve::solve::SolveError;
 use evcal_solve::trajectory::alignment::AlignmentError;
 
@@ -94,20 +94,12 @@ pub enum SecondCameraError {
     Solve(SolveError),
 }
 
-impl Remedy for SecondCameraError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        let with = say.with?;
-        Some(match self {
-            Self::NoTrajectory => {
-                format!("leave out {}, and give a recording of events before {with}", say.frames_only?)
-            }
-            Self::CirclesOfSecond => format!("give its events with {with}"),
-            Self::SeveralRecordings => format!("give one recording before {with}"),
-            Self::SameRecording { .. } => format!("give the recording of another camera with {with}"),
-            Self::RollingShutter { .. } => format!("add {}", say.rolling_shutter?),
-            _ => return None,
-        })
-    }
+remedies! { SecondCameraError, say;
+    Self::NoTrajectory => "leave out {}, and give a recording of events before {}", say.frames_only?, say.with?;
+    Self::CirclesOfSecond => "give its events with {}", say.with?;
+    Self::SeveralRecordings => "give one recording before {}", say.with?;
+    Self::SameRecording { .. } => "give the recording of another camera with {}", say.with?;
+    Self::RollingShutter { .. } => "add {}", say.rolling_shutter?;
 }
 
 impl From<SolveError> for SecondCameraError {

@@ -10,7 +10,7 @@ use evcal_detection::detection::recognition::stated_board::{
 };
 use evcal_detection::detection::search::{SearchError, sensor_of};
 use evcal_detection::detection::settings::DetectionSettings;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
 use evcal_geometry::board::squares::{CharucoLayout, TagGrid, TagOrder};
 use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
@@ -53,20 +53,14 @@ pub enum BoardChoiceError {
     WrongRatio(OtherRatio),
 }
 
-impl Remedy for BoardChoiceError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        Some(match self {
-            Self::Search(error) => return error.remedy(say),
-            Self::Other { found, .. } => return found.remedy(say),
-            Self::NoEvents => format!("for example {}", say.board.with("acircles:9x4:55mm:r17.5mm")),
-            Self::NotRecognised { .. } => {
-                let kinds = say.board_help.map(|help| format!(": {help} lists all kinds"));
-                format!("describe the board with {}{}", say.board, kinds.unwrap_or_default())
-            }
-            Self::SizeUnknown { found } => format!("for example {}", say.board.with(found.example())),
-            Self::WrongRatio(ratio) => format!("use {}", say.board.with(ratio.board)),
-        })
-    }
+remedies! { BoardChoiceError, say;
+    Self::Search(error) => error.remedy(say);
+    Self::Other { found, .. } => found.remedy(say);
+    Self::NoEvents => "for example {}", say.board.with("acircles:9x4:55mm:r17.5mm");
+    Self::NotRecognised { .. } => "describe the board with {}{}", say.board,
+        say.board_help.map(|help| format!(": {help} lists all kinds")).unwrap_or_default();
+    Self::SizeUnknown { found } => "for example {}", say.board.with(found.example());
+    Self::WrongRatio(ratio) => "use {}", say.board.with(ratio.board);
 }
 
 /// Describes the measured ratio of the two lengths of a board.

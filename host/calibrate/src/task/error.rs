@@ -4,7 +4,7 @@ use super::board_choice::LargerBoard;
 use crate::advice::Advice;
 use crate::check::units::OtherUnit;
 use crate::picture_calibration::alignment::Misalignment;
-use crate::picture_calibration::calibration::{NoPictureCalibration, PictureFailure};
+use crate::picture_calibration::calibration::NoPictureCalibration;
 use crate::picture_calibration::joint::NoJointPoints;
 use evcal_core::sensor::Sensor;
 use evcal_detection::detection::exchanged::Exchanged;
@@ -12,7 +12,7 @@ use evcal_detection::detection::recognition::radius::OtherRadius;
 use evcal_detection::detection::{LARGEST_SENSOR, NoPattern};
 use evcal_detection::diagnosis::silent_lines::SilentLines;
 use evcal_detection::diagnosis::time_steps::CoarseTimes;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_solve::initial::InitialError;
 use evcal_solve::solve::SolveError;
 use evcal_solve::solve::refinement::RefinementError;
@@ -210,43 +210,24 @@ pub enum CalibrateError {
     JointPictures(NoJointPoints),
 }
 
-impl Remedy for CalibrateError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        Some(match self {
-            Self::Source(error) => return error.remedy(say),
-            Self::OtherSensor(error) => return error.remedy(say),
-            Self::OtherRadius(error) => return error.remedy(say),
-            Self::NoPattern(error) => return error.remedy(say),
-            Self::Initial(error) => return error.remedy(say),
-            Self::Images(error) => return error.remedy(say),
-            Self::SensorUnknown { likely, .. } => add_sensor(*likely, say),
-            Self::TimeUnit { unit, .. } => Advice::NameTimeUnit(unit.unit).worded(say),
-            Self::LargerBoard(larger) => format!("use {}", say.board.with(larger.board)),
-            Self::ImpossibleValues => format!("change the values of {}", say.fix?),
-            Self::FixedFarOff => format!("leave out {}", say.fix?),
-            Self::OnlyFrames { .. } => format!(
-                "add {}, or give a recording of events first and the frames with {}",
-                say.frames_only?, say.with?
-            ),
-            Self::Views(none) => match none.reason {
-                PictureFailure::Initial(_) => format!("check {} and {}", say.board, say.model),
-                PictureFailure::Undetermined { .. } => "add views with the board tilted to all sides".to_owned(),
-                PictureFailure::TooFewPictures { .. } | PictureFailure::TooFewViews { .. } => {
-                    "give more views, of this recording or others: hold still for half a second each, with the board near, tilted to all sides, and all of it in view"
-                        .to_owned()
-                }
-            },
-            Self::BlinkingWithFrames { .. } => {
-                format!("leave out {}: evcal then calibrates from the views", say.frames_jointly?)
-            }
-            Self::BoardOfPictures => format!("leave out {} and {} of the board", say.fix?, say.free?),
-            Self::NoPictures { .. } => {
-                let record = say.frames.map(|frames| format!("record with {frames}, or "));
-                format!("{}leave out the option that needs frames", record.unwrap_or_default())
-            }
-            _ => return None,
-        })
-    }
+remedies! { CalibrateError, say;
+    Self::Source(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::OtherRadius(error) => error.remedy(say);
+    Self::NoPattern(error) => error.remedy(say);
+    Self::Initial(error) => error.remedy(say);
+    Self::Images(error) => error.remedy(say);
+    Self::Views(none) => none.reason.remedy(say);
+    Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say));
+    Self::TimeUnit { unit, .. } => Some(Advice::NameTimeUnit(unit.unit).worded(say));
+    Self::LargerBoard(larger) => "use {}", say.board.with(larger.board);
+    Self::ImpossibleValues => "change the values of {}", say.fix?;
+    Self::FixedFarOff => "leave out {}", say.fix?;
+    Self::OnlyFrames { .. } =>
+        "add {}, or give a recording of events first and the frames with {}", say.frames_only?, say.with?;
+    Self::BlinkingWithFrames { .. } => "leave out {}: evcal then calibrates from the views", say.frames_jointly?;
+    Self::BoardOfPictures => "leave out {} and {} of the board", say.fix?, say.free?;
+    Self::NoPictures { .. } => "record with {}, or leave out the option that needs frames", say.frames?;
 }
 
 impl CalibrateError {

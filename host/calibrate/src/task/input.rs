@@ -11,7 +11,7 @@ use evcal_detection::circles::serial::{SerialAddress, SerialError};
 use evcal_detection::circles::stream;
 use evcal_detection::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError, TrackSource};
 use evcal_detection::detection::{DetectionReport, order_frames};
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::statistics::median;
@@ -257,12 +257,7 @@ pub enum InputError {
     Images(#[from] ImagesError),
 }
 
-impl Remedy for InputError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Source(error) => error.remedy(say),
-            Self::Circles(_) => None,
-            Self::Images(error) => error.remedy(say),
-        }
-    }
+remedies! { InputError, say;
+    Self::Source(error) => error.remedy(say);
+    Self::Images(error) => error.remedy(say);
 }

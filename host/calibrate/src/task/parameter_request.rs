@@ -2,7 +2,7 @@
 
 use evcal_core::camera::{MAX_PARAMETERS, ModelKind};
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::board::any_length;
 use evcal_geometry::board::shape::PARAMETERS;
 
@@ -48,15 +48,10 @@ pub enum ParameterError {
     Impossible(String),
 }
 
-impl Remedy for ParameterError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Unknown { model: None, .. } => Some(format!("give the camera model with {}", say.model)),
-            Self::Value(_) => Some(format!("for example {}", say.fix?.with("k3=0"))),
-            Self::Both(_) => Some(format!("leave out {} or {}", say.fix?, say.free?)),
-            _ => None,
-        }
-    }
+remedies! { ParameterError, say;
+    Self::Unknown { model: None, .. } => "give the camera model with {}", say.model;
+    Self::Value(_) => "for example {}", say.fix?.with("k3=0");
+    Self::Both(_) => "leave out {} or {}", say.fix?, say.free?;
 }
 
 /// Lists all valid names.

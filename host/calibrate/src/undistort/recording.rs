@@ -14,7 +14,7 @@ use super::{PixelMap, TooLarge, check_size};
 use evcal_detection::circles::file::{EventsError, open_events};
 use evcal_files::FileError;
 use evcal_files::folder::NamesFile;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::lens::camera_file::{CameraDescription, CameraFile};
 use event_recordings::convert::{
     Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
@@ -124,14 +124,9 @@ pub enum UndistortError {
     File(#[from] FileError),
 }
 
-impl Remedy for UndistortError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Convert(error) => error.remedy(say),
-            Self::Recording(error) => error.remedy(say),
-            _ => None,
-        }
-    }
+remedies! { UndistortError, say;
+    Self::Convert(error) => error.remedy(say);
+    Self::Recording(error) => error.remedy(say);
 }
 
 impl NamesFile for UndistortError {

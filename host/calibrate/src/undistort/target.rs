@@ -2,7 +2,7 @@
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use nalgebra::Vector2;
 
 /// Number of points along each side of the grid that samples the field of view, as in OpenCV.
@@ -33,13 +33,8 @@ pub enum TargetError {
     Impossible,
 }
 
-impl Remedy for TargetError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::RimUnseen => Some(format!("leave out {}, or use {}", say.alpha?, say.equidistant?)),
-            Self::Impossible => None,
-        }
-    }
+remedies! { TargetError, say;
+    Self::RimUnseen => "leave out {}, or use {}", say.alpha?, say.equidistant?;
 }
 
 impl TargetProjection {

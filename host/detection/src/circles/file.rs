@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use event_recordings::{Head, Recording, RecordingError, RecordingOptions};
 
 use super::{stream, track};
@@ -47,13 +47,9 @@ pub enum EventsError {
     Recording(#[from] RecordingError),
 }
 
-impl Remedy for EventsError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Circles(_) => Some(format!("{} reads this file; other commands need the recording", say.calibrate?)),
-            Self::Recording(error) => error.remedy(say),
-        }
-    }
+remedies! { EventsError, say;
+    Self::Circles(_) => "{} reads this file; other commands need the recording", say.calibrate?;
+    Self::Recording(error) => error.remedy(say);
 }
 
 /// Opens the events of the file or folder at `path`.

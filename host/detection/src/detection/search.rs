@@ -21,7 +21,7 @@ use crate::circles::reference_frame::{ReferenceFrame, SeenIn, UnorderedFrame};
 use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames, TrackSource};
 use evcal_files::FileError;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::board::{Board, SquareBoard};
 use evcal_squares::reconstruction::ReconstructionOptions;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
@@ -119,15 +119,10 @@ pub enum SearchError {
     },
 }
 
-impl Remedy for SearchError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Recording(error) => error.remedy(say),
-            Self::OtherSensor(error) => error.remedy(say),
-            Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say)),
-            Self::SensorTooLarge { .. } => None,
-        }
-    }
+remedies! { SearchError, say;
+    Self::Recording(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say));
 }
 
 /// Returns the sensor of a recording, if the detector supports it.

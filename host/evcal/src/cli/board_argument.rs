@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::board::squares::kalibr::{CircleTarget, Target, TargetFileError, read};
 use evcal_geometry::board::{Board, BoardError};
@@ -26,13 +26,8 @@ pub enum BoardArgumentError {
     },
 }
 
-impl Remedy for BoardArgumentError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Description(error) => error.remedy(say),
-            Self::File(_) | Self::RadiusUnknown { .. } => None,
-        }
-    }
+remedies! { BoardArgumentError, say;
+    Self::Description(error) => error.remedy(say);
 }
 
 /// Parses a description of a board, or reads the target file with the name `text`.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use evcal_detection::circles::file::open_events;
 use evcal_files::is_stream;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_files::visible;
 use event_recordings::convert::{ConvertError, TimeOrigin, convert, output_of};
 use event_recordings::encode::OutputFormat;
@@ -47,10 +47,8 @@ pub(super) struct BrokenOff {
     pub output: PathBuf,
 }
 
-impl Remedy for BrokenOff {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        self.error.remedy(say)
-    }
+remedies! { BrokenOff, say;
+    Self { error, .. } => error.remedy(say);
 }
 
 /// Runs `evcal convert`.

@@ -107,3 +107,22 @@ impl Failure {
         ExitCode::from(self.code)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::help;
+    use super::*;
+
+    /// The table of options is in a library, which does not know them.
+    #[test]
+    fn the_words_of_the_program_are_its_options() {
+        let command = help::command();
+        let arguments = command.get_subcommands().flat_map(clap::Command::get_arguments);
+        let known: Vec<&str> = arguments.filter_map(clap::Arg::get_long).collect();
+        let table = format!("{:?}", Words::PROGRAM);
+        let named = table.split(['"', ' ']).filter_map(|word| word.strip_prefix("--")).filter(|name| *name != "help");
+        let unknown: Vec<&str> = named.clone().filter(|name| !known.contains(name)).collect();
+        assert!(unknown.is_empty() && named.count() > 20, "{unknown:?}");
+        assert!(!format!("{:?}", Words::PYTHON).contains("--"));
+    }
+}

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use evcal_core::pattern::{Layout, Pattern};
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use nalgebra::Vector2;
 
 use super::Board;
@@ -37,14 +37,9 @@ pub struct CircleBoardError {
     pub problem: BoardProblem,
 }
 
-impl Remedy for CircleBoardError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self.problem {
-            BoardProblem::NoCircles(_) => Some(format!("print one with {}", say.board_pdf?)),
-            BoardProblem::File => Some(format!("give recordings without an option, not with {}", say.board)),
-            _ => None,
-        }
-    }
+remedies! { CircleBoardError, say;
+    Self { problem: BoardProblem::NoCircles(_), .. } => "print one with {}", say.board_pdf?;
+    Self { problem: BoardProblem::File, .. } => "give recordings without an option, not with {}", say.board;
 }
 
 /// Problem of a board description.

@@ -23,7 +23,7 @@ use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_detection::circles::track::{self, TrackSource};
 use evcal_files::FileError;
 use evcal_files::folder::{FolderError, OutputFolder};
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
@@ -88,13 +88,8 @@ pub enum WriteError {
     File(#[from] FileError),
 }
 
-impl Remedy for WriteError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Folder(error) => error.remedy(say),
-            Self::File(_) => None,
-        }
-    }
+remedies! { WriteError, say;
+    Self::Folder(error) => error.remedy(say);
 }
 
 /// Writes the result of `task` as [`write_folder`] does, into a folder without an earlier result.

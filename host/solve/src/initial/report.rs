@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use serde::{Deserialize, Serialize};
 
 /// Reasons why a reference frame is not part of the initial model.
@@ -221,12 +221,7 @@ pub enum InitialError {
     },
 }
 
-impl Remedy for InitialError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Mirrored { .. } => Some(format!("flip x in the recording or correct {}", say.board)),
-            Self::NoCamera { .. } => Some(format!("check {} and {}", say.board, say.model)),
-            _ => None,
-        }
-    }
+remedies! { InitialError, say;
+    Self::Mirrored { .. } => "flip x in the recording or correct {}", say.board;
+    Self::NoCamera { .. } => "check {} and {}", say.board, say.model;
 }

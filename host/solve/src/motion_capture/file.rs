@@ -12,7 +12,7 @@ mod motive;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_files::text::excerpt;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -32,16 +32,10 @@ pub struct CaptureFileError {
     pub reason: CaptureError,
 }
 
-impl Remedy for CaptureFileError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self.reason {
-            CaptureError::OtherBodies { .. } | CaptureError::SeveralBodies { .. } => {
-                Some(format!("choose it with {}", say.body?))
-            }
-            CaptureError::NoNames => Some(format!("leave out {}", say.body?)),
-            _ => None,
-        }
-    }
+remedies! { CaptureFileError, say;
+    Self { reason: CaptureError::OtherBodies { .. } | CaptureError::SeveralBodies { .. }, .. } =>
+        "choose it with {}", say.body?;
+    Self { reason: CaptureError::NoNames, .. } => "leave out {}", say.body?;
 }
 
 /// Problems of the content of a capture.

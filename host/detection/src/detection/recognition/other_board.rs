@@ -15,7 +15,7 @@ use super::recognised::{Recognised, find_board, find_squares, in_lengths_of, is_
 use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 use crate::detection::order_frames;
 use crate::detection::settings::DetectionSettings;
-use evcal_files::remedy::{Remedy, Words};
+use evcal_files::remedies;
 use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 use evcal_squares::recognition::RecognisedBoard;
 use event_recordings::{Recording, RecordingError};
@@ -51,13 +51,9 @@ impl OtherReading {
     }
 }
 
-impl Remedy for OtherReading {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        Some(match self {
-            Self::Board { board, .. } => format!("use {}", say.board.with(board)),
-            Self::Kind(found) => format!("for example {}", say.board.with(found.example())),
-        })
-    }
+remedies! { OtherReading, say;
+    Self::Board { board, .. } => "use {}", say.board.with(board);
+    Self::Kind(found) => "for example {}", say.board.with(found.example());
 }
 
 impl fmt::Display for OtherReading {

@@ -24,6 +24,7 @@ use evcal_calibrate::task::step::Step;
 use evcal_calibrate::task::{PictureUse, Task};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_files::remedies;
 use evcal_files::remedy::{Remedy, Words};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
@@ -48,10 +49,8 @@ struct Failed {
     files: Vec<PathBuf>,
 }
 
-impl Remedy for Failed {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        self.error.remedy(say)
-    }
+remedies! { Failed, say;
+    Self { error, .. } => error.remedy(say);
 }
 
 fn files_of(files: &[PathBuf]) -> String {
@@ -239,15 +238,10 @@ enum OtherError {
     Together(#[from] SecondCameraError),
 }
 
-impl Remedy for OtherError {
-    fn remedy(&self, say: &Words) -> Option<String> {
-        match self {
-            Self::Inertial(error) => error.remedy(say),
-            Self::Sensor(_) => None,
-            Self::Alone(error) => error.remedy(say),
-            Self::Together(error) => error.remedy(say),
-        }
-    }
+remedies! { OtherError, say;
+    Self::Inertial(error) => error.remedy(say);
+    Self::Alone(error) => error.remedy(say);
+    Self::Together(error) => error.remedy(say);
 }
 
 /// The IMU or another camera that was not calibrated, with the reason.
