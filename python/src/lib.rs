@@ -26,11 +26,11 @@ pyo3::create_exception!(
 
 /// Converts an error of evcal to a Python exception, with its remedy in terms of this package.
 fn failed(error: impl Remedy) -> PyErr {
-    plain(error.advised(&Words::PYTHON))
+    exception(error.advised(&Words::PYTHON))
 }
 
-/// Converts an error without a remedy to a Python exception.
-fn plain(error: impl ToString) -> PyErr {
+/// Creates a Python exception with this text.
+fn exception(error: impl ToString) -> PyErr {
     Error::new_err(error.to_string())
 }
 
@@ -41,7 +41,7 @@ fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
 
 /// Converts JSON from the library to Python objects.
 fn to_python<'py>(py: Python<'py>, value: Result<String, serde_json::Error>) -> PyResult<Bound<'py, PyAny>> {
-    py.import("json")?.call_method1("loads", (value.map_err(plain)?,))
+    py.import("json")?.call_method1("loads", (value.map_err(exception)?,))
 }
 
 /// Calibrates an event camera from the events of a printed board.
