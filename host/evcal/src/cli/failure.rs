@@ -3,7 +3,9 @@
 use std::error::Error;
 use std::process::ExitCode;
 
+use evcal_calibrate::task::error::CalibrateError;
 use evcal_files::remedy::{Remedy, Words};
+use evcal_files::visible;
 use evcal_report::output::failure;
 
 use super::print;
@@ -63,9 +65,12 @@ impl Failure {
         Self { error: error.into(), next: None, code: 1, details: None }
     }
 
-    /// Adds what a calibration says about its failure.
-    pub fn with_details(self, details: failure::Failure) -> Self {
-        Self { details: Some(Box::new(details)), ..self }
+    /// Creates the failure of a calibration, which `details` and their files describe.
+    pub fn of_calibration(error: &CalibrateError, details: failure::Failure) -> Self {
+        let files: Vec<String> = details.files.iter().map(visible::path).collect();
+        let files = if files.is_empty() { String::new() } else { format!("\n  details: {}", files.join(", ")) };
+        let next = error.remedy(&Words::PROGRAM);
+        Self { next, details: Some(Box::new(details)), ..Self::plain(format!("{error}{files}")) }
     }
 
     /// Returns `true` if the work is done and its result, which was printed, is negative.
