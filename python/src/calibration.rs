@@ -19,6 +19,7 @@ use evcal_calibrate::task::{PictureUse, Task};
 use evcal_core::pattern::{Layout, Pattern};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_files::remedy::{Remedy as _, Words};
 use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::board::{Board, BoardError, CircleBoard};
 use evcal_geometry::timed_pose::TimedPose;
@@ -32,12 +33,11 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
 
-use crate::advice::worded;
 use crate::camera::Camera;
 use crate::events::viewed;
 use crate::interrupt::interruptible;
 use crate::recording::{ReadOptions, as_path, of_array};
-use crate::{failed, in_words, to_python, warn};
+use crate::{failed, to_python, warn};
 
 /// The inputs and settings of a calibration, kept for the files of its result.
 struct CalibrationJob {
@@ -61,7 +61,7 @@ impl CalibrationJob {
         let taken =
             |other: &Input| matches!(other, Input::Images(_)) && inputs.iter().any(|input| input.is_of_file_of(other));
         let pictures = if self.others.iter().any(taken) { PictureUse::Ignore } else { self.pictures };
-        Task { model: *model, sensor: *sensor, pictures, settings, wording: worded, ..Task::new(inputs, board) }
+        Task { model: *model, sensor: *sensor, pictures, settings, words: &Words::PYTHON, ..Task::new(inputs, board) }
     }
 
     /// Calibrates the camera, and the IMU and other cameras if requested. Also returns the names of the devices that
@@ -76,7 +76,9 @@ impl CalibrationJob {
         if let Some(request) = &self.inertial {
             let _ = on_progress(Step { text: "IMU", done: None });
             let found = calibrate_inertial(&first, &self.inputs, request, None);
-            failures.extend(first.add_inertial(found).err().map(|error| ("the IMU".to_owned(), in_words(&error))));
+            failures.extend(
+                first.add_inertial(found).err().map(|error| ("the IMU".to_owned(), error.advised(&Words::PYTHON))),
+            );
         }
         for other in &self.others {
             if let Err(reason) = self.add_second(&mut first, other, &task, &mut on_progress) {
@@ -96,10 +98,11 @@ impl CalibrationJob {
     ) -> Result<(), String> {
         let pictures = picture_use_of_second(&self.inputs, other);
         let separate = Task { inputs: std::slice::from_ref(other), pictures, ..*task };
-        let second = calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| in_words(&error))?;
+        let second =
+            calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| error.advised(&Words::PYTHON))?;
         let _ = on_progress(Step { text: "both cameras", done: None });
         let found = calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None]);
-        first.add_second(found).map_err(|error| in_words(&error))
+        first.add_second(found).map_err(|error| error.advised(&Words::PYTHON))
     }
 }
 
@@ -118,7 +121,7 @@ impl Calibration {
     }
 
     pub fn file(&self) -> CalibrationFile {
-        CalibrationFile::new(&self.calibrated, &self.job.board, worded)
+        CalibrationFile::new(&self.calibrated, &self.job.board, &Words::PYTHON)
     }
 
     /// Returns the camera as `compare` and `export` need it.
@@ -203,7 +206,10 @@ impl Calibration {
         let others = device_verdicts(&self.calibrated).into_iter();
         let others = others.map(|DeviceVerdict { about, sentence, .. }| format!("\n{about}: {sentence}"));
         let failures = self.failures.iter().map(|(what, reason)| format!("\n{what} was not calibrated: {reason}"));
-        std::iter::once(self.calibrated.verdict.worded(worded).to_string()).chain(others).chain(failures).collect()
+        std::iter::once(self.calibrated.verdict.worded(&Words::PYTHON).to_string())
+            .chain(others)
+            .chain(failures)
+            .collect()
     }
 
     /// Requested results that are missing: pairs of a name (the IMU, or the file of another camera) and the reason.

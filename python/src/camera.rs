@@ -18,7 +18,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::events::{EventArray, NewPlaces, filled, sensor as to_sensor, sub_pixel_dtype, viewed};
-use crate::failed;
+use crate::{exception, failed};
 
 /// One coordinate of a map (x or y in px) for each pixel of an image: height x width.
 type Map<'py> = Bound<'py, PyArray2<f32>>;
@@ -90,7 +90,7 @@ fn mapped<'py, const A: usize, const B: usize>(
     }
     let given: Vec<f64> = given.as_array().iter().copied().collect();
     let values = py.detach(|| given.as_chunks::<A>().0.iter().flat_map(map).collect());
-    Ok(ArrayD::from_shape_vec(shape, values).map_err(failed)?.into_pyarray(py))
+    Ok(ArrayD::from_shape_vec(shape, values).map_err(exception)?.into_pyarray(py))
 }
 
 #[pymethods]

@@ -9,7 +9,7 @@ use pyo3::types::PyAny;
 
 use crate::calibration::Calibration;
 use crate::camera::Camera;
-use crate::{Error, failed, to_python};
+use crate::{Error, exception, failed, to_python};
 
 /// Returns the camera of an argument: a Camera, a Calibration, a file or a folder.
 fn camera_of(value: &Bound<'_, PyAny>) -> PyResult<(evcal_core::camera::Camera<f64>, Sensor)> {
@@ -41,6 +41,6 @@ pub fn evaluate<'py>(
         let what = format!("one is for a sensor of {sensor} pixels, the other for one of {true_sensor}");
         return Err(Error::new_err(what));
     }
-    let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(failed)?;
+    let difference = py.detach(|| projection_difference(&true_camera, &camera, sensor)).map_err(exception)?;
     to_python(py, serde_json::to_string(&difference))
 }

@@ -6,6 +6,7 @@ use evcal_calibrate::result::same_camera::compare_cameras;
 use evcal_calibrate::settings::Settings;
 use evcal_calibrate::task::board_choice::{BoardChoiceError, ConfirmedBoard, choose_board, confirm_board};
 use evcal_calibrate::task::{PictureUse, Task};
+use evcal_files::remedy::Words;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::request::{BoardRequest, PrintSize};
 use event_recordings::Recording;
@@ -14,7 +15,6 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use crate::advice::worded;
 use crate::calibration::{Calibration, board_request, model_request, settings_of};
 use crate::camera::Camera;
 use crate::interrupt::interruptible;
@@ -70,7 +70,7 @@ pub fn check<'py>(
         warn(py, &note)?;
     }
     let result = to_python(py, serde_json::to_string(&checked))?;
-    result.set_item("next", worded(&checked.next))?;
+    result.set_item("next", checked.next.worded(&Words::PYTHON))?;
     result.set_item("ready", checked.is_ready())?;
     Ok(result)
 }

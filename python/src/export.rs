@@ -19,7 +19,7 @@ use crate::calibration::Calibration;
 use crate::examination::known;
 use crate::interrupt::interruptible;
 use crate::recording::{ReadOptions, as_path, recording_of};
-use crate::{Error, failed, to_python, warn};
+use crate::{Error, exception, failed, to_python, warn};
 
 /// Name that selects all formats.
 const ALL: &str = "all";
@@ -32,7 +32,7 @@ fn may_write<'a>(paths: impl IntoIterator<Item = &'a Path>, inputs: &[&Path], fo
 /// Returns the files of a camera together with the IMU or other cameras of its calibration; empty for a camera alone.
 fn rig_files_of(value: &Bound<'_, PyAny>, camera: &CalibratedCamera) -> PyResult<Vec<(String, String)>> {
     if let Ok(calibration) = value.cast::<Calibration>() {
-        return rig_files(camera, &calibration.get().file()).map_err(failed);
+        return rig_files(camera, &calibration.get().file()).map_err(exception);
     }
     as_path(value).map_or(Ok(Vec::new()), |path| read_rig_files(camera, &path).map_err(failed))
 }

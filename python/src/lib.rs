@@ -1,6 +1,5 @@
 //! The Python package of evcal, with arrays as input and output; `docs/python.md` describes it.
 
-mod advice;
 mod calibration;
 mod camera;
 mod detection;
@@ -13,6 +12,7 @@ mod memory;
 mod recording;
 mod simulation;
 
+use evcal_files::remedy::{Remedy, Words};
 use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
@@ -24,17 +24,14 @@ pyo3::create_exception!(
     "evcal cannot do what was asked; the text says why, and what to do."
 );
 
-/// Converts an error of evcal to a Python exception, with advice.
-fn failed(error: impl std::error::Error + 'static) -> PyErr {
-    Error::new_err(in_words(&error))
+/// Converts an error of evcal to a Python exception, with its remedy in terms of this package.
+fn failed(error: impl Remedy) -> PyErr {
+    exception(error.advised(&Words::PYTHON))
 }
 
-/// Returns the text of an error of evcal, with advice.
-fn in_words(error: &(impl std::error::Error + 'static)) -> String {
-    match advice::advice(error) {
-        Some(next) => format!("{error}; {next}"),
-        None => error.to_string(),
-    }
+/// Creates a Python exception with this text.
+fn exception(error: impl ToString) -> PyErr {
+    Error::new_err(error.to_string())
 }
 
 fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
@@ -44,7 +41,7 @@ fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
 
 /// Converts JSON from the library to Python objects.
 fn to_python<'py>(py: Python<'py>, value: Result<String, serde_json::Error>) -> PyResult<Bound<'py, PyAny>> {
-    py.import("json")?.call_method1("loads", (value.map_err(failed)?,))
+    py.import("json")?.call_method1("loads", (value.map_err(exception)?,))
 }
 
 /// Calibrates an event camera from the events of a printed board.

@@ -225,7 +225,7 @@ def test_the_pose_of_a_second_camera_is_estimated(simulated):
 
 def test_a_recording_is_checked(events):
     result = evcal.check(events, board=BOARD, sensor=(346, 260))
-    assert result["ready"] and result["next"] == f'call calibrate with board="{BOARD}"'
+    assert result["ready"] and result["next"] == f'calibrate from it with board="{BOARD}"'
     assert result["events"] == len(events) and result["seen"]["found"] > 0
     unknown = evcal.check(events, board=BOARD)
     assert not unknown["ready"] and "sensor=(346, 260)" in unknown["next"]
@@ -270,7 +270,7 @@ def test_mistakes_are_named(events):
         evcal.calibrate(RECORDING, board=BOARD, model="pinhole")
     with pytest.raises(evcal.Error, match="nowhere.dvraw"):
         evcal.calibrate("nowhere.dvraw", board=BOARD)
-    with pytest.raises(evcal.Error, match=r"how many pixels.*give sensor=\(346, 260\)"):
+    with pytest.raises(evcal.Error, match=r"how many pixels.*add sensor=\(346, 260\)"):
         evcal.calibrate(events, board=BOARD)
     with pytest.raises(evcal.Error, match="contains no events"):
         evcal.calibrate(events[:0], board=BOARD, sensor=(346, 260))

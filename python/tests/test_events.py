@@ -182,7 +182,7 @@ def test_events_are_converted(tmp_path):
     assert (evcal.read(tmp_path / "events.h5") == events).all()
     with pytest.raises(evcal.Error, match="force=True"):
         evcal.convert(events, tmp_path / "events.h5", sensor=(346, 260))
-    with pytest.raises(evcal.Error, match=r"give sensor=\(\d+, \d+\)"):
+    with pytest.raises(evcal.Error, match=r"add sensor=\(\d+, \d+\)"):
         evcal.convert(events, tmp_path / "other.h5")
     with pytest.raises(evcal.Error, match="to="):
         evcal.convert(events, tmp_path / "events.unknown", sensor=(346, 260))
@@ -216,7 +216,7 @@ def test_mistakes_are_named():
     negative["x"][3] = -2
     with pytest.raises(ValueError, match="event 3: x = -2"):
         evcal.detect(negative, board="acircles:9x4:55mm:r17.5mm", sensor=(346, 260))
-    with pytest.raises(evcal.Error, match=r"how many pixels.*give sensor=\(\d+, \d+\)"):
+    with pytest.raises(evcal.Error, match=r"how many pixels.*add sensor=\(\d+, \d+\)"):
         evcal.detect(make(5), board="acircles:9x4:55mm:r17.5mm")
 
 

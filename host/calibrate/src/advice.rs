@@ -1,7 +1,4 @@
-//! Advice as data, so that each program can put it into words with its own options.
-//!
-//! `Display` is a wording that fits every program. A program that has options, or functions with arguments, provides
-//! its own [`Wording`].
+//! Advice as data, which [`Advice::worded`] puts into the words of a program. `Display` uses no option of any program.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -9,21 +6,15 @@ use std::path::PathBuf;
 use evcal_core::camera::ModelKind;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
+use evcal_files::remedy::{Remedy, Words};
 use evcal_geometry::board::CircleBoard;
+use event_recordings::likely_sensor::add_sensor;
 use event_recordings::{RecordingOptions, TimeUnit};
 
 use evcal_detection::detection::NoPattern;
 use evcal_detection::detection::no_board::only_one_polarity;
 use evcal_detection::detection::recognition::radius::OtherRadius;
 use evcal_detection::detection::recognition::recognised::Recognised;
-
-/// Function with which a program words advice.
-pub type Wording = fn(&Advice) -> String;
-
-/// Returns the wording of this library: the `Display` of [`Advice`].
-pub fn plain(advice: &Advice) -> String {
-    advice.to_string()
-}
 
 /// Advice on a finding, or on a recording.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,54 +95,72 @@ impl From<&str> for Advice {
     }
 }
 
-impl fmt::Display for Advice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Advice {
+    /// Returns the advice in the words of a program.
+    pub fn worded(&self, say: &Words) -> String {
+        let Words { board, model, sensor, columns, time_unit, .. } = say;
         match self {
-            Self::Plain(words) => f.write_str(words),
-            Self::TakeModel(kind) => write!(f, "calibrate again with the model {kind}"),
-            Self::TakeWholeBoard(board) => write!(
-                f,
-                "calibrate again with the board {board}, which uses more of the recording; the lens is correct within the reported uncertainty"
+            Self::Plain(words) => words.clone(),
+            Self::TakeModel(kind) => format!("calibrate again with {}", model.with(kind)),
+            Self::TakeWholeBoard(whole) => format!(
+                "calibrate again with {}, which uses more of the recording; the lens is correct within the reported uncertainty",
+                board.with(whole)
             ),
-            Self::CountRows => {
-                write!(f, "count them on the board: more are stated than it has, or a part of it was never in view")
-            }
-            Self::CheckLensAndBoard => write!(
-                f,
-                "is the board wavy, or the lens dirty? A smooth bend and an uneven print are estimated already, unless they are fixed"
+            Self::CountRows => format!(
+                "count rows and columns of the board: {board} has more than the board, or a part of the board was never in view"
             ),
-            Self::Free(names) => write!(
-                f,
-                "bring the board into the corners of the image, or request that {} be estimated anyway",
-                names.join(", ")
-            ),
-            Self::NameSensor(Some(sensor)) => write!(f, "state the size of the sensor, probably {sensor}"),
-            Self::NameSensor(None) => write!(f, "state the size of the camera's sensor"),
-            Self::NameTimeUnit(Some(unit)) => write!(f, "state that times are in {unit}"),
-            Self::NameTimeUnit(None) => write!(f, "are the times in the file in the unit of its format?"),
-            Self::CountFromZero { sensor, name_sensor } => {
-                let Sensor { width, height } = sensor;
-                write!(f, "pixels are counted from 1, up to column {width} and row {height}: subtract 1 from x and y")?;
-                if *name_sensor { write!(f, ", and state the size of the sensor, {sensor}") } else { Ok(()) }
-            }
-            Self::ExchangeAxes => {
-                write!(
-                    f,
-                    "x and y are swapped: correct the order of the columns, or swap width and height of the sensor"
+            Self::CheckLensAndBoard => {
+                let fixed = say.fix.map(|fix| format!(" with {fix}")).unwrap_or_default();
+                format!(
+                    "check whether the board is wavy or the lens dirty (a smooth bend and an uneven print are estimated, unless fixed{fixed})"
                 )
             }
+            Self::Free(names) => {
+                let anyway = match say.free {
+                    Some(free) => {
+                        let options: Vec<String> = names.iter().map(|name| free.with(name)).collect();
+                        format!("estimate them anyway with {}", options.join(" "))
+                    }
+                    None => format!("request that {} be estimated anyway", names.join(", ")),
+                };
+                format!("bring the board into the corners of the image, or {anyway}")
+            }
+            Self::NameSensor(Some(likely)) => add_sensor(Some(*likely), say),
+            Self::NameSensor(None) => format!("{}, the size of the camera's sensor", add_sensor(None, say)),
+            Self::NameTimeUnit(Some(unit)) => format!("add {}", time_unit.with(unit.symbol())),
+            Self::NameTimeUnit(None) => "are the times in the file in the unit of its format?".to_owned(),
+            Self::CountFromZero { sensor: counted, name_sensor } => {
+                let Sensor { width, height } = counted;
+                let size = name_sensor.then(|| format!(", and {}", add_sensor(Some(*counted), say)));
+                format!(
+                    "pixels are counted from 1, up to column {width} and row {height}: subtract 1 from x and y{}",
+                    size.unwrap_or_default()
+                )
+            }
+            Self::ExchangeAxes => {
+                format!("x and y are swapped: correct {columns}, or swap the two numbers of {sensor}")
+            }
             Self::NameColumns(outside) => {
-                write!(f, "{outside}: are the columns in another order? State it, such as x,y,t,p")
+                format!("{outside}: check the order of the columns, and give it with {columns}, such as x,y,t,p")
             }
-            Self::CorrectSensor(outside) => write!(f, "{outside}: state its true size"),
-            Self::BothPolarities(only) => f.write_str(&only_one_polarity(*only)),
-            Self::NameBoard => write!(f, "no board was recognised: name it"),
+            Self::CorrectSensor(outside) => format!("{outside}: give the true size of the sensor with {sensor}"),
+            Self::BothPolarities(only) => format!("{} with {columns}", only_one_polarity(*only)),
+            Self::NameBoard => format!(
+                "no board was recognised: describe it with {board}, for example acircles:9x4:55mm:r17.5mm or checkerboard:6x9:25mm"
+            ),
             Self::Measure(found) => {
-                write!(f, "the board is {found}: {}, for example {}", found.to_measure(), found.example())
+                let measure = found.to_measure();
+                format!("the board is {found}: {measure}, for example {}", board.with(found.example()))
             }
-            Self::FindBoard(error) => error.fmt(f),
-            Self::CorrectRadius(error) => error.fmt(f),
-            Self::Calibrate { board, .. } => write!(f, "calibrate from it with the board {board}"),
+            Self::FindBoard(error) => error.advised(say),
+            Self::CorrectRadius(error) => error.advised(say),
+            Self::Calibrate { board: known, .. } => format!("calibrate from it with {}", board.with(known)),
         }
+    }
+}
+
+impl fmt::Display for Advice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.worded(&Words::LIBRARY))
     }
 }

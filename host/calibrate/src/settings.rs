@@ -107,6 +107,8 @@ pub enum SettingsError {
     },
 }
 
+impl evcal_files::remedy::Remedy for SettingsError {}
+
 impl Settings {
     /// Reads a TOML file; settings that it does not contain keep their defaults.
     ///

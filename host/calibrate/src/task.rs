@@ -14,8 +14,8 @@ use rayon::ThreadPool;
 
 use self::input::Input;
 use self::parameter_request::ParameterRequests;
-use crate::advice::{self, Wording};
 use crate::settings::Settings;
+use evcal_files::remedy::Words;
 use evcal_geometry::board::Board;
 use evcal_solve::initial::model_choice::{ModelRequest, USUAL};
 
@@ -55,8 +55,8 @@ pub struct Task<'a> {
     pub settings: &'a Settings,
     /// The command line, for the report; may be empty.
     pub command_line: &'a str,
-    /// Wording of the advice in the result.
-    pub wording: Wording,
+    /// The words in which the result gives advice.
+    pub words: &'a Words,
     /// Threads that read the recordings and search for the board; `None` for the threads of the caller.
     pub readers: Option<&'a ThreadPool>,
 }
@@ -77,7 +77,7 @@ impl<'a> Task<'a> {
             parameters: ParameterRequests::default(),
             settings: &DEFAULTS,
             command_line: "",
-            wording: advice::plain,
+            words: &Words::LIBRARY,
             readers: None,
         }
     }

@@ -26,6 +26,8 @@ pub struct TooLarge {
     maps: u64,
 }
 
+impl evcal_files::remedy::Remedy for TooLarge {}
+
 /// Checks that this number of maps of `sensor` fits into the memory.
 ///
 /// # Errors

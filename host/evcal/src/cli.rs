@@ -3,7 +3,6 @@
 //! Exit codes: 0 success; 1 failure, with the reason on standard error; 2 wrong usage; 3 a negative result: the calibration is not good
 //! enough, the calibrations are not of the same camera, or the recording is not ready for a calibration.
 
-mod advice;
 mod board;
 mod board_argument;
 mod calibrate;
@@ -18,6 +17,7 @@ mod devices;
 mod evaluate;
 mod examples;
 mod export;
+mod failure;
 mod help;
 mod info;
 mod interrupt;
@@ -35,11 +35,12 @@ mod source_arguments;
 mod undistort;
 mod value;
 
-use std::error::Error;
 use std::process::ExitCode;
 
 use clap::{FromArgMatches as _, Parser, Subcommand};
 use evcal_files::shell_word::shell_word;
+
+use self::failure::{Failure, Negative, UsageError};
 
 /// Calibrates an event camera from the events of a printed board.
 #[derive(Parser)]
@@ -139,30 +140,8 @@ fn repeatable(mut words: impl Iterator<Item = String>) -> String {
     command.join(" ")
 }
 
-/// Result of a subcommand; `run` prints an error and sets the exit code.
-type Outcome = Result<(), Box<dyn Error>>;
-
-/// Wrong arguments that clap does not detect; the exit code is 2.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}; see --help")]
-struct UsageError(String);
-
-/// A finished calibration of the camera, the IMU or another camera that is not good enough; the exit code is 3.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "the calibration is not good enough to be used; the verdict gives the reasons. With --accept-any the exit code is 0"
-)]
-struct NotGoodEnough;
-
-/// Two calibrations that may be of different cameras; the exit code is 3.
-#[derive(Debug, thiserror::Error)]
-#[error("the calibrations may be of different cameras")]
-struct NotTheSame;
-
-/// A recording that is not good for a calibration; the exit code is 3.
-#[derive(Debug, thiserror::Error)]
-#[error("the recording is not good for a calibration; the last line above is the next step")]
-struct NotReady;
+/// Result of a subcommand; `run` prints a failure and sets the exit code.
+type Outcome = Result<(), Failure>;
 
 /// Runs the program.
 pub fn run() -> ExitCode {
@@ -204,30 +183,7 @@ pub fn run() -> ExitCode {
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            let mut printed = error.to_string();
-            print::aside(&printed);
-            let mut source = error.source();
-            while let Some(cause) = source {
-                // The text of many errors contains the text of their cause.
-                let text = cause.to_string();
-                if !printed.contains(&text) {
-                    print::detail(format_args!("  because: {text}"));
-                    printed = text;
-                }
-                source = cause.source();
-            }
-            if let Some(next) = advice::advice(&*error) {
-                print::detail(format_args!("  next: {next}"));
-            }
-            match error {
-                error if error.is::<UsageError>() => ExitCode::from(2),
-                error if error.is::<NotGoodEnough>() || error.is::<NotTheSame>() || error.is::<NotReady>() => {
-                    ExitCode::from(3)
-                }
-                _ => ExitCode::FAILURE,
-            }
-        }
+        Err(failure) => failure.print(),
     }
 }
 

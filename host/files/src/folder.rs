@@ -10,6 +10,7 @@ use super::exchange::exchange;
 use super::swap::swap;
 use super::unfinished::Begun;
 use super::{FileError, paths, remove_scratch, scratch_in, unfinished, visible};
+use crate::remedies;
 
 /// Reason why results cannot be written to a folder.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +28,12 @@ pub enum FolderError {
     /// The name of a result is in use.
     #[error("{0}")]
     Blocked(#[from] Blocked),
+}
+
+remedies! { FolderError, say;
+    Self::Exists(_) => "choose another folder, or replace the results with {}", say.force?;
+    Self::Busy(_) => "wait until it ends, or choose another folder with {}", say.output?;
+    Self::Unusable(_) | Self::Blocked(_) => "choose another folder with {}", say.output?;
 }
 
 /// File or folder that occupies the name of a result.

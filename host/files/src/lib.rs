@@ -7,6 +7,7 @@ mod exchange;
 pub mod folder;
 pub mod output;
 mod paths;
+pub mod remedy;
 mod set;
 pub mod shell_word;
 #[cfg(target_os = "linux")]
@@ -40,6 +41,8 @@ pub struct FileError {
     /// Error of the operating system.
     pub error: io::Error,
 }
+
+impl remedy::Remedy for FileError {}
 
 impl FileError {
     /// Creates an error about the file at `path`.

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::{FileError, is_stream, paths, try_out, visible};
+use crate::remedies;
 
 /// Treatment of files that already exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +32,10 @@ pub enum OutputError {
     /// The operating system does not allow it.
     #[error("{0}")]
     Unusable(#[from] FileError),
+}
+
+remedies! { OutputError, say;
+    Self::Exists(_) => "choose another name, or replace it with {}", say.force?;
 }
 
 /// Checks before the work that files can be written at all `paths`, and that none of them is one of the `inputs`. Pipes

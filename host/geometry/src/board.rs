@@ -14,6 +14,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use evcal_core::pattern::Pattern;
+use evcal_files::remedies;
 use nalgebra::Vector2;
 
 pub use self::circles::{BOARD_FORM, BoardProblem, CircleBoard, CircleBoardError, any_length, layout_name};
@@ -30,6 +31,10 @@ pub enum BoardError {
     /// Error in the description of a board of squares.
     #[error("{0}")]
     Squares(#[from] SquareBoardError),
+}
+
+remedies! { BoardError, say;
+    Self::Circles(error) => error.remedy(say);
 }
 
 /// A printed board. World coordinates: x and y on the board, z = 0; a camera in front of it is at z < 0.

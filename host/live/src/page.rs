@@ -23,6 +23,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use evcal_files::remedies;
 use hyper::body::Bytes;
 use serde::Serialize;
 use tokio::sync::{oneshot, watch};
@@ -99,6 +100,11 @@ pub enum PageError {
     /// The operating system provided no thread or no random numbers.
     #[error("the page cannot be served: {0}")]
     System(io::Error),
+}
+
+remedies! { PageError, say;
+    Self::Port { .. } => "choose another with {}, or run without a page with {}", say.port?, say.no_page?;
+    Self::System(_) => "add {} to run without a page", say.no_page?;
 }
 
 /// A page that is being served until this value is dropped.

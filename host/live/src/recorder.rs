@@ -125,6 +125,8 @@ pub enum RecordingError {
     Camera(#[from] DeviceError),
 }
 
+impl evcal_files::remedy::Remedy for RecordingError {}
+
 /// Records the transfers of `camera` into a new file at `path`, until the time is over, `watch` breaks or the camera
 /// ends. All received transfers are then in the file; the report contains the reason of the end.
 ///

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use evcal_core::event::Polarity;
+use evcal_files::remedies;
 
 use crate::options::{Column, Columns, TimeUnit};
 
@@ -37,6 +38,12 @@ pub enum LayoutError {
     /// Several orders fit the values.
     #[error("the columns cannot be distinguished")]
     Ambiguous,
+}
+
+remedies! { LayoutError, say;
+    Self::Names(_) | Self::FirstLine(_) | Self::FieldCount(_) | Self::Unclear | Self::Ambiguous =>
+        "give its columns with {}, for example t,x,y,p", say.columns;
+    Self::Named => "leave out {}", say.columns;
 }
 
 /// Number of rows that are examined.

@@ -15,13 +15,15 @@ use super::counted::counted;
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
 use super::extras::{Extra, NoExtras, left_out};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
-use super::likely_sensor::{likely_sensor_of, likely_words};
+use super::likely_sensor::{add_sensor, likely_sensor_of, likely_words};
 use super::write::output_extensions;
 use crate::error::RecordingError;
 use crate::format::OpenTransfers;
 use crate::read_report::ReadReport;
 use crate::reader::EventReader;
 use crate::recording::Recording;
+use crate::remedies::remedy_of_capture;
+use evcal_files::remedies;
 use evcal_files::{FileError, NewFile};
 
 /// Returns the output format for the extension of `path`.
@@ -112,6 +114,17 @@ pub enum ConvertError {
     /// The recording does not contain the date at which it began.
     #[error("{} does not say when it began: times cannot count from 1970", .0.display())]
     StartUnknown(PathBuf),
+}
+
+remedies! { ConvertError, say;
+    Self::Recording(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::Capture { error, .. } => remedy_of_capture(error, say);
+    Self::Write { error, .. } => error.remedy(say);
+    Self::Nothing(error) => error.remedy(say);
+    Self::Extension(_) => "or give the format with {}", say.to?;
+    Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say));
+    Self::CopiedTimes(_) => "leave out {}", say.unix_time?;
 }
 
 fn as_text<S: Serializer>(error: &Option<ConvertError>, to: S) -> Result<S::Ok, S::Error> {

@@ -5,6 +5,7 @@ use std::io;
 
 use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
+use evcal_files::remedies;
 use usb_davis::capture::{Capture, CaptureError};
 use usb_davis::dump::DumpError;
 use usb_davis::protocol::EncodeError;
@@ -57,6 +58,11 @@ pub enum WriteError {
     /// The dump cannot be written.
     #[error("cannot be written: {0}")]
     Dump(#[from] DumpError),
+}
+
+remedies! { WriteError, say;
+    Self::Jump { .. } | Self::Pauses { .. } =>
+        "if the unit of its timestamps is wrong, give it with {}; otherwise cut the recording there", say.time_unit;
 }
 
 /// Longest jump forward in µs for formats that count time in words: one day. A damaged time could otherwise fill the

@@ -2,6 +2,7 @@
 
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
+use evcal_files::remedies;
 
 use super::likely_sensor::{likely_sensor_of, likely_words};
 use crate::options::RecordingOptions;
@@ -94,6 +95,21 @@ pub enum OtherSensor {
         /// Sensor stated in the file.
         own: Sensor,
     },
+}
+
+remedies! { OtherSensor, say;
+    Self::TooSmall { own: Some(_), .. } | Self::TooLarge { .. } => "leave out {}", say.sensor;
+    Self::Exchanged { exchanged: Exchanged::RequestedSize, sensor, .. } => "write {}", say.size(sensor.height, sensor.width);
+    Self::Exchanged { exchanged: Exchanged::FileSize, sensor, .. } =>
+        "the size in the file has them swapped; write {}", say.size(sensor.height, sensor.width);
+    Self::Exchanged { exchanged: Exchanged::Columns, .. } =>
+        "give the order of the columns with {}, such as t,y,x,p", say.columns;
+    Self::Exchanged { exchanged: Exchanged::File, .. } =>
+        "the program that wrote the file swapped them; write the file again";
+    Self::StatedTooSmall { likely: Some(likely), .. } => "give the true size: {}", say.size(likely.width, likely.height);
+    Self::CountedFromOne { .. } => "subtract 1 from x and y";
+    Self::NoPixels { .. } => "give the columns of x and y with {}", say.columns;
+    _ => "give the true size with {}", say.sensor;
 }
 
 /// Part of the input in which x and y are exchanged.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use evcal_core::sensor::Sensor;
+use evcal_files::remedies;
 
 use super::image_folder::{ImageFolder, ImageFolderError, Stamps};
 use super::pictures::TimedImage;
@@ -38,6 +39,10 @@ pub enum ImagesError {
     /// The bag cannot be read.
     #[error("{0}")]
     Topic(#[from] RecordingError),
+}
+
+remedies! { ImagesError, say;
+    Self::Topic(error) => error.remedy(say);
 }
 
 impl Images {

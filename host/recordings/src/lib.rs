@@ -45,6 +45,7 @@ pub mod prophesee;
 mod read_report;
 mod reader;
 mod recording;
+mod remedies;
 pub mod ros;
 #[cfg(test)]
 mod testing;

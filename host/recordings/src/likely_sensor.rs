@@ -1,6 +1,7 @@
 //! Estimate of the sensor size of a recording that does not contain it.
 
 use evcal_core::sensor::Sensor;
+use evcal_files::remedy::Words;
 
 use crate::recording::Recording;
 
@@ -33,6 +34,12 @@ pub fn likely_sensor_of(recording: &Recording) -> Option<Sensor> {
 /// Returns the likely sensor as text that can be appended to a sentence about an unknown size.
 pub fn likely_words(likely: Option<Sensor>) -> String {
     likely.map_or_else(String::new, |sensor| format!("; its events suggest {sensor}"))
+}
+
+/// Returns the remedy for an unknown size, with the likely one.
+pub fn add_sensor(likely: Option<Sensor>, say: &Words) -> String {
+    let size = likely.map_or_else(|| say.size("WIDTH", "HEIGHT"), |sensor| say.size(sensor.width, sensor.height));
+    format!("add {size}")
 }
 
 /// Returns the common sensor whose last row is `column` and whose last column is `row`, because x and y are then

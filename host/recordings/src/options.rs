@@ -1,6 +1,7 @@
 //! Options for reading a recording: properties that its file may lack or state wrongly.
 
 use evcal_core::sensor::Sensor;
+use evcal_files::remedy::{Word, Words};
 use std::fmt;
 use std::str::FromStr;
 
@@ -50,6 +51,19 @@ pub enum FormatOption {
     Device,
     /// [`RecordingOptions::growth`].
     Growth,
+}
+
+impl FormatOption {
+    /// Returns its name in a program; `None` if the program lacks it.
+    pub fn word(self, say: &Words) -> Option<Word> {
+        match self {
+            Self::Stream => say.stream,
+            Self::Columns => Some(say.columns),
+            Self::TimeUnit => Some(say.time_unit),
+            Self::Device => say.device,
+            Self::Growth => say.follow,
+        }
+    }
 }
 
 impl fmt::Display for FormatOption {

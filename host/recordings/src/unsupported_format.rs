@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use evcal_files::remedies;
+
 /// A format that is recognised but not supported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -76,6 +78,43 @@ pub enum UnsupportedFormat {
     Utf16,
     /// Text with one byte per character, some of them not ASCII.
     Latin1,
+}
+
+remedies! { UnsupportedFormat, say;
+    Self::Aedat1 => "open it in jAER and save it as AEDAT 2";
+    Self::Aedat3Compressed => "convert it to AEDAT4 with DV";
+    Self::Rosbag1 => "convert it to version 2.0 with rosbag fix";
+    Self::Hdf5 => "build evcal with --features hdf5, or save its arrays t, x, y and p with h5py and numpy.savez";
+    Self::VirtualHdf5 =>
+        "one of its datasets is virtual (a view of other arrays): copy the numbers into ordinary datasets with h5py or \
+         h5repack -l CONTI IN OUT";
+    Self::Lz4 => "unpack it with unlz4 first";
+    Self::ModifiedPcap => "rewrite it with editcap -F pcap IN OUT";
+    Self::PropheseeEncoding => "convert it with metavision_file_to_csv";
+    Self::EventStreamVersion => "convert it with the program that wrote it";
+    Self::EventStreamKind => "give a file with events of a DVS or an ATIS, not colours or generic data";
+    Self::Gzip => "unpack it with gunzip first";
+    Self::Xz => "unpack it with unxz first";
+    Self::Zstandard => "unpack it with unzstd first";
+    Self::Bzip2 => "unpack it with bunzip2 first";
+    Self::Tar => "unpack it with tar -xf first";
+    Self::SevenZip | Self::Rar | Self::Zip => "unpack it first";
+    Self::ZipCompression => "pack it again with numpy.savez_compressed";
+    Self::Spreadsheet => "save its events as CSV";
+    Self::Calibration => "it is for {}; give the recording here", say.of_calibrations?;
+    Self::CalibrationReport => "open it in a browser; give the recording here";
+    Self::Json => "a calibration is for {}", say.of_calibrations?;
+    Self::Yaml =>
+        "a camera.yaml is for OpenCV, evcal reads the calibration.json next to it; give the recording here";
+    Self::Pdf => "give the recording, not the printed board";
+    Self::Png => "{} removes the distortion of pictures", say.undistort?;
+    Self::Parquet | Self::Arrow | Self::Pickle => "save its columns t, x, y and p with numpy.savez, or as CSV";
+    Self::Matlab => "save it in MATLAB with the option -v7.3, or its events as text";
+    Self::Video => "give the events of the camera, not a video of them";
+    Self::Html => "this is a web page instead of the recording: download the recording again";
+    Self::GitLfsPointer => "the file is only a pointer: run git lfs pull to fetch the recording";
+    Self::Utf16 => "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8";
+    Self::Latin1 => "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8";
 }
 
 impl fmt::Display for UnsupportedFormat {

@@ -81,6 +81,8 @@ pub enum SimulatedFolderError {
     },
 }
 
+impl evcal_files::remedy::Remedy for SimulatedFolderError {}
+
 impl NamesFile for SimulatedFolderError {
     fn file_mut(&mut self) -> Option<&mut PathBuf> {
         Some(match self {

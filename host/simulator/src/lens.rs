@@ -15,6 +15,8 @@ pub struct LensError {
     given: usize,
 }
 
+impl evcal_files::remedy::Remedy for LensError {}
+
 /// Creates the lens with these parameters.
 ///
 /// # Errors

@@ -48,6 +48,8 @@ pub enum SimulationError {
     },
 }
 
+impl evcal_files::remedy::Remedy for SimulationError {}
+
 impl SimulationSettings {
     /// Checks all settings; returns an error with the first setting that is out of range.
     pub fn check(&self) -> Result<(), SimulationError> {

@@ -13,6 +13,7 @@ use crate::calibrate::calibrated::Calibrated;
 use crate::task::Task;
 use crate::task::error::CalibrateError;
 use crate::task::input::Input;
+use evcal_files::remedies;
 use evcal_geometry::lens::projection_difference::projection_difference;
 use evcal_geometry::numerics::random::uniform_in;
 use evcal_solve::initial::model_choice::ModelRequest;
@@ -111,6 +112,13 @@ pub enum RepeatError {
         /// Requested length (s).
         seconds: f64,
     },
+}
+
+remedies! { RepeatError, say;
+    Self::Source(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::TooFew { .. } => "try longer parts with {}", say.seconds?;
+    Self::TooShort { duration, .. } => "try {}", say.seconds?.with_seconds(shorter_parts(*duration)?);
 }
 
 /// Returns a length of parts (s) that suits a recording of this length (s); `None` if the recording is too short for any.

@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::remedies;
 use evcal_files::text;
 use nalgebra::Isometry3;
 
@@ -61,6 +62,11 @@ pub enum CapturedError {
         /// The reason.
         error: MotionCaptureError,
     },
+}
+
+remedies! { CapturedError, say;
+    Self::Open { .. } => "give it with {}", say.trajectory?;
+    Self::Capture(error) => error.remedy(say);
 }
 
 /// Compares the trajectory of a calibration with a capture. Returns the result and the name of the trajectory's file. If the

@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
+use evcal_files::remedies;
 use evcal_files::text;
 
 use super::intrinsics::{IntrinsicsComparison, compare_intrinsics};
@@ -166,6 +167,11 @@ pub enum CompareError {
         /// The reason.
         error: TooFewMatches,
     },
+}
+
+remedies! { CompareError, say;
+    Self::NoTrajectory { which: TrajectoryOf::Calibration, .. } => "give it with {}", say.trajectory?;
+    Self::NoTrajectory { which: TrajectoryOf::Truth, .. } => "give it with {}", say.true_trajectory?;
 }
 
 /// Compares a calibration with the truth or with another calibration.

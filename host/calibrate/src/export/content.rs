@@ -88,6 +88,8 @@ pub struct ExportError {
     model: ModelKind,
 }
 
+impl evcal_files::remedy::Remedy for ExportError {}
+
 impl ExportFormat {
     /// Exports a camera.
     ///

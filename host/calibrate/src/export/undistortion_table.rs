@@ -55,6 +55,8 @@ pub enum ExportTableError {
     },
 }
 
+impl evcal_files::remedy::Remedy for ExportTableError {}
+
 /// Returns the camera without distortion that has the matrix of `camera`.
 pub fn ideal_of(camera: &Camera<f64>) -> IdealCamera<f64> {
     // Every model begins with fx, fy, cx and cy.

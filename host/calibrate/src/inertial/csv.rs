@@ -44,6 +44,8 @@ pub enum CsvError {
     },
 }
 
+impl evcal_files::remedy::Remedy for CsvError {}
+
 /// A quantity: names with which its column begins, and the factor of each unit to SI.
 struct Quantity {
     what: &'static str,

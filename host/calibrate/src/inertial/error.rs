@@ -1,6 +1,8 @@
 //! Errors of the calibration of an IMU.
 
 use super::csv::CsvError;
+use evcal_files::remedies;
+use evcal_files::remedy::Words;
 use evcal_solve::solve::SolveError;
 use evcal_solve::trajectory::alignment::AlignmentError;
 use event_recordings::RecordingError;
@@ -167,6 +169,30 @@ pub enum InertialError {
     /// The equations could not be built.
     #[error(transparent)]
     Solve(SolveError),
+}
+
+remedies! { InertialError, say;
+    Self::Recording(error) => error.remedy(say);
+    Self::NoTrajectory => "leave out {}", say.frames_only?;
+    Self::NoSamples { .. } => "record with the IMU enabled, or give its samples with {}", say.imu_file?;
+    Self::OneTime { .. } | Self::Lacks { .. } => "write them to a CSV file, and give it with {}", say.imu_file?;
+    Self::UnitsOfFormat { .. } => "leave out {}", say.imu_units?;
+    Self::AccelerationUnit { unit, of_file: false, .. } | Self::AngularUnit { unit, of_file: false, .. } =>
+        remedy_of_units(unit, say);
+}
+
+/// Returns the remedy for samples of a recording that seem to be in another unit.
+fn remedy_of_units(unit: &str, say: &Words) -> Option<String> {
+    let in_file = "write the samples with the units in its header to a CSV file, and give it with";
+    let file = say.imu_file?;
+    Some(match (say.imu_units, unit) {
+        (Some(option), IN_G) => format!("add {}", option.with("g")),
+        (Some(option), IN_DEGREES) => {
+            format!("add {}, or g,deg_s if accelerations are in g too", option.with("deg_s"))
+        }
+        (Some(option), _) => format!("correct {option}, or {in_file} {file}"),
+        (None, _) => format!("{in_file} {file}"),
+    })
 }
 
 impl From<SolveError> for InertialError {

@@ -13,6 +13,7 @@ use super::circle_image::center_bias;
 use evcal_detection::circles::reference_frame::{ObservedCircle, ReferenceFrame};
 use evcal_detection::detection::no_board::NoBoard;
 use evcal_detection::detection::pictures::search::PictureSearchReport;
+use evcal_files::remedies;
 use evcal_geometry::board::Board;
 use evcal_solve::initial::{InitialError, InitialModel, InitialSettings, PosedFrame, initial_model};
 use evcal_solve::solve::residual_statistics::Measured;
@@ -168,6 +169,12 @@ pub enum PictureFailure {
         /// Their kind.
         pictures: PictureSource,
     },
+}
+
+remedies! { PictureFailure, say;
+    Self::Initial(_) => "check {} and {}", say.board, say.model;
+    Self::Undetermined { .. } => "add views with the board tilted to all sides";
+    _ => "give more views, of this recording or others: hold still for half a second each, with the board near, tilted to all sides, and all of it in view";
 }
 
 impl PictureFailure {

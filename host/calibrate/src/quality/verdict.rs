@@ -15,8 +15,9 @@ use serde::{Deserialize, Serialize};
 use self::board_statement::with_sigma;
 use self::findings::findings_on;
 pub use self::settings::{SMALLEST_COVERAGE, VerdictSettings};
-use crate::advice::{Advice, Wording};
+use crate::advice::Advice;
 use crate::quality::{EventQuality, Quality};
+use evcal_files::remedy::Words;
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::axial_focal::axial_focal_gradients;
 
@@ -247,12 +248,12 @@ impl Verdict {
     }
 
     /// Returns the verdict with its advice in the words of a program.
-    pub fn worded(&self, wording: Wording) -> Verdict<String> {
+    pub fn worded(&self, say: &Words) -> Verdict<String> {
         let findings = self.findings.iter().map(|finding| Finding {
             cause: finding.cause,
             severity: finding.severity,
             reason: finding.reason.clone(),
-            advice: wording(&finding.advice),
+            advice: finding.advice.worded(say),
         });
         Verdict { grade: self.grade, sentence: self.sentence.clone(), findings: findings.collect() }
     }

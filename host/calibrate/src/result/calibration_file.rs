@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::advice::Wording;
 use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
 use crate::calibrate::interval_choice::IntervalChoice;
 use crate::picture_calibration::calibration::{PictureReport, PictureSummary};
@@ -26,6 +25,7 @@ use crate::result::second_camera_result::SecondCameraResult;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_detection::detection::DetectionReport;
+use evcal_files::remedy::Words;
 use evcal_geometry::board::Board;
 use evcal_geometry::lens::camera_file::{CameraDescription, LATEST_VERSION, Parameters};
 use evcal_solve::initial::InitialReport;
@@ -386,8 +386,8 @@ pub struct SegmentSummary {
 }
 
 impl CalibrationFile {
-    /// Returns the result of `calibrated` with `board`; `wording` words its advice. `command` and `input_files` are left empty.
-    pub fn new(calibrated: &Calibrated, board: &Board, wording: Wording) -> Self {
+    /// Returns the result of `calibrated` with `board`; its advice is in the words `say`. `command` and `input_files` are left empty.
+    pub fn new(calibrated: &Calibrated, board: &Board, say: &Words) -> Self {
         let camera = calibrated.camera();
         let names = camera.kind().parameter_names();
         let quality = &calibrated.quality;
@@ -404,7 +404,7 @@ impl CalibrationFile {
             pixel_convention: "pixel (0, 0) is the centre of the top-left pixel (OpenCV, ROS)".to_owned(),
             sensor: calibrated.sensor,
             camera: CameraDescription::new(camera),
-            verdict: calibrated.verdict.worded(wording),
+            verdict: calibrated.verdict.worded(say),
             uncertainty: UncertaintySummary::new(quality, events.map(|events| &events.quality)),
             coverage: quality.coverage.clone(),
             split_half: events.and_then(|events| events.quality.split_half.as_ref().map(SplitHalfSummary::from)),

@@ -81,6 +81,8 @@ pub enum CompareError {
     Projection(#[from] NoCommonView),
 }
 
+impl evcal_files::remedy::Remedy for CompareError {}
+
 /// Compares the calibrations at two paths, files or folders.
 ///
 /// # Errors

@@ -1,5 +1,6 @@
 //! Errors of the calibration of a second camera.
 
+use evcal_files::remedies;
 use evcal_solve::solve::SolveError;
 use evcal_solve::trajectory::alignment::AlignmentError;
 
@@ -91,6 +92,14 @@ pub enum SecondCameraError {
     /// The equations could not be built.
     #[error(transparent)]
     Solve(SolveError),
+}
+
+remedies! { SecondCameraError, say;
+    Self::NoTrajectory => "leave out {}, and give a recording of events before {}", say.frames_only?, say.with?;
+    Self::CirclesOfSecond => "give its events with {}", say.with?;
+    Self::SeveralRecordings => "give one recording before {}", say.with?;
+    Self::SameRecording { .. } => "give the recording of another camera with {}", say.with?;
+    Self::RollingShutter { .. } => "add {}", say.rolling_shutter?;
 }
 
 impl From<SolveError> for SecondCameraError {

@@ -10,6 +10,7 @@ use evcal_detection::detection::recognition::stated_board::{
 };
 use evcal_detection::detection::search::{SearchError, sensor_of};
 use evcal_detection::detection::settings::DetectionSettings;
+use evcal_files::remedies;
 use evcal_geometry::board::request::{BoardRequest, CircleSize, PrintSize};
 use evcal_geometry::board::squares::{CharucoLayout, TagGrid, TagOrder};
 use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
@@ -50,6 +51,16 @@ pub enum BoardChoiceError {
     /// The second length of the stated board is wrong.
     #[error("{}", ratio_in_words(.0))]
     WrongRatio(OtherRatio),
+}
+
+remedies! { BoardChoiceError, say;
+    Self::Search(error) => error.remedy(say);
+    Self::Other { found, .. } => found.remedy(say);
+    Self::NoEvents => "for example {}", say.board.with("acircles:9x4:55mm:r17.5mm");
+    Self::NotRecognised { .. } => "describe the board with {}{}", say.board,
+        say.board_help.map(|help| format!(": {help} lists all kinds")).unwrap_or_default();
+    Self::SizeUnknown { found } => "for example {}", say.board.with(found.example());
+    Self::WrongRatio(ratio) => "use {}", say.board.with(ratio.board);
 }
 
 /// Describes the measured ratio of the two lengths of a board.

@@ -1,6 +1,7 @@
 //! Errors of a calibration.
 
 use super::board_choice::LargerBoard;
+use crate::advice::Advice;
 use crate::check::units::OtherUnit;
 use crate::picture_calibration::alignment::Misalignment;
 use crate::picture_calibration::calibration::NoPictureCalibration;
@@ -11,6 +12,7 @@ use evcal_detection::detection::recognition::radius::OtherRadius;
 use evcal_detection::detection::{LARGEST_SENSOR, NoPattern};
 use evcal_detection::diagnosis::silent_lines::SilentLines;
 use evcal_detection::diagnosis::time_steps::CoarseTimes;
+use evcal_files::remedies;
 use evcal_solve::initial::InitialError;
 use evcal_solve::solve::SolveError;
 use evcal_solve::solve::refinement::RefinementError;
@@ -18,7 +20,7 @@ use evcal_solve::trajectory::first::FirstTrajectoryError;
 use event_recordings::RecordingError;
 use event_recordings::given_sensor::OtherSensor;
 use event_recordings::images::ImagesError;
-use event_recordings::likely_sensor::likely_words;
+use event_recordings::likely_sensor::{add_sensor, likely_words};
 use serde::{Serialize, Serializer};
 
 /// Reasons why a calibration failed.
@@ -206,6 +208,26 @@ pub enum CalibrateError {
     /// Pictures and events cannot be solved together.
     #[error("frames and events cannot be solved together: {0}")]
     JointPictures(NoJointPoints),
+}
+
+remedies! { CalibrateError, say;
+    Self::Source(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::OtherRadius(error) => error.remedy(say);
+    Self::NoPattern(error) => error.remedy(say);
+    Self::Initial(error) => error.remedy(say);
+    Self::Images(error) => error.remedy(say);
+    Self::Views(none) => none.reason.remedy(say);
+    Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say));
+    Self::TimeUnit { unit, .. } => Some(Advice::NameTimeUnit(unit.unit).worded(say));
+    Self::LargerBoard(larger) => "use {}", say.board.with(larger.board);
+    Self::ImpossibleValues => "change the values of {}", say.fix?;
+    Self::FixedFarOff => "leave out {}", say.fix?;
+    Self::OnlyFrames { .. } =>
+        "add {}, or give a recording of events first and the frames with {}", say.frames_only?, say.with?;
+    Self::BlinkingWithFrames { .. } => "leave out {}: evcal then calibrates from the views", say.frames_jointly?;
+    Self::BoardOfPictures => "leave out {} and {} of the board", say.fix?, say.free?;
+    Self::NoPictures { .. } => "record with {}, or leave out the option that needs frames", say.frames?;
 }
 
 impl CalibrateError {

@@ -11,6 +11,7 @@ use evcal_detection::circles::serial::{SerialAddress, SerialError};
 use evcal_detection::circles::stream;
 use evcal_detection::circles::track::{self, CircleFrames, CircleTrack, CircleTrackError, TrackSource};
 use evcal_detection::detection::{DetectionReport, order_frames};
+use evcal_files::remedies;
 use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_geometry::numerics::statistics::median;
@@ -254,4 +255,9 @@ pub enum InputError {
     /// Its images cannot be read.
     #[error("{0}")]
     Images(#[from] ImagesError),
+}
+
+remedies! { InputError, say;
+    Self::Source(error) => error.remedy(say);
+    Self::Images(error) => error.remedy(say);
 }

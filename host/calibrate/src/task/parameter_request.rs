@@ -2,6 +2,7 @@
 
 use evcal_core::camera::{MAX_PARAMETERS, ModelKind};
 
+use evcal_files::remedies;
 use evcal_geometry::board::any_length;
 use evcal_geometry::board::shape::PARAMETERS;
 
@@ -45,6 +46,12 @@ pub enum ParameterError {
     /// The value is not possible.
     #[error("{0}: this value is not possible for a board")]
     Impossible(String),
+}
+
+remedies! { ParameterError, say;
+    Self::Unknown { model: None, .. } => "give the camera model with {}", say.model;
+    Self::Value(_) => "for example {}", say.fix?.with("k3=0");
+    Self::Both(_) => "leave out {} or {}", say.fix?, say.free?;
 }
 
 /// Lists all valid names.

@@ -41,6 +41,8 @@ pub enum PictureError {
     },
 }
 
+impl evcal_files::remedy::Remedy for PictureError {}
+
 impl NamesFile for PictureError {
     fn file_mut(&mut self) -> Option<&mut PathBuf> {
         match self {

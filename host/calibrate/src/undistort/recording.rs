@@ -14,6 +14,7 @@ use super::{PixelMap, TooLarge, check_size};
 use evcal_detection::circles::file::{EventsError, open_events};
 use evcal_files::FileError;
 use evcal_files::folder::NamesFile;
+use evcal_files::remedies;
 use evcal_geometry::lens::camera_file::{CameraDescription, CameraFile};
 use event_recordings::convert::{
     Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
@@ -121,6 +122,11 @@ pub enum UndistortError {
     /// A file or the folder of the frames cannot be written.
     #[error("{0}")]
     File(#[from] FileError),
+}
+
+remedies! { UndistortError, say;
+    Self::Convert(error) => error.remedy(say);
+    Self::Recording(error) => error.remedy(say);
 }
 
 impl NamesFile for UndistortError {

@@ -33,6 +33,8 @@ const EXTENSIONS: &str = ".csv, .txt or .bin (EventCalib)";
 #[error("{}: fractions of pixels can be written to {EXTENSIONS}", .0.display())]
 pub struct NoFractions(PathBuf);
 
+impl evcal_files::remedy::Remedy for NoFractions {}
+
 impl SubPixelFormat {
     /// Returns the format of the extension of `path`.
     ///

@@ -2,6 +2,7 @@
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
+use evcal_files::remedies;
 use nalgebra::Vector2;
 
 /// Number of points along each side of the grid that samples the field of view, as in OpenCV.
@@ -30,6 +31,10 @@ pub enum TargetError {
     /// The calibrated camera cannot be inverted.
     #[error("no undistorted camera can be made from this calibration: fx or fy is not positive")]
     Impossible,
+}
+
+remedies! { TargetError, say;
+    Self::RimUnseen => "leave out {}, or use {}", say.alpha?, say.equidistant?;
 }
 
 impl TargetProjection {

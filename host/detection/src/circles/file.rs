@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use evcal_files::remedies;
 use event_recordings::{Head, Recording, RecordingError, RecordingOptions};
 
 use super::{stream, track};
@@ -44,6 +45,11 @@ pub enum EventsError {
     /// It cannot be read as a recording.
     #[error("{0}")]
     Recording(#[from] RecordingError),
+}
+
+remedies! { EventsError, say;
+    Self::Circles(_) => "{} reads this file; other commands need the recording", say.calibrate?;
+    Self::Recording(error) => error.remedy(say);
 }
 
 /// Opens the events of the file or folder at `path`.

@@ -68,6 +68,8 @@ pub enum SerialError {
     },
 }
 
+impl evcal_files::remedy::Remedy for SerialError {}
+
 impl SerialAddress {
     /// Returns `true` if a file name is an address of a serial port instead.
     pub fn is_address(path: &Path) -> bool {

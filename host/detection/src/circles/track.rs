@@ -93,6 +93,8 @@ pub struct CircleTrackError {
     pub kind: CircleTrackErrorKind,
 }
 
+impl evcal_files::remedy::Remedy for CircleTrackError {}
+
 /// Problem of a line of a circle track.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]

@@ -6,6 +6,7 @@ use std::fmt;
 
 use evcal_core::circle::{CircleCounts, Extraction};
 use evcal_core::event::{Event, Polarity};
+use evcal_files::remedy::{Remedy, Words};
 use serde::{Deserialize, Serialize};
 
 use super::no_board::{NoBoard, only_one_polarity};
@@ -210,6 +211,23 @@ impl NoPattern {
         self.report
             .main_reason()
             .map_or(NoPatternCause::Nothing, |(reason, count)| NoPatternCause::Windows(reason, count))
+    }
+}
+
+impl Remedy for NoPattern {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        match self.main_cause() {
+            NoPatternCause::OtherBoard(other) => other.remedy(say),
+            NoPatternCause::AtRest(_) => Some(format!("check the kind, rows and columns of {}", say.board)),
+            NoPatternCause::OnePolarity(_) => Some(format!("give the column of the polarity with {}", say.columns)),
+            NoPatternCause::Windows(NoBoard::TooFewCircles, _) if self.extraction == Extraction::Hard => {
+                Some(format!("try {}", say.extraction?.with("soft")))
+            }
+            NoPatternCause::Windows(NoBoard::TooFewCircles | NoBoard::TooFewEvents | NoBoard::NotRound, _)
+            | NoPatternCause::TooShort
+            | NoPatternCause::Nothing => None,
+            NoPatternCause::Windows(..) => Some(format!("check layout, rows and columns of {}", say.board)),
+        }
     }
 }
 

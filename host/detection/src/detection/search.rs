@@ -21,10 +21,11 @@ use crate::circles::reference_frame::{ReferenceFrame, SeenIn, UnorderedFrame};
 use crate::circles::stream::CircleStream;
 use crate::circles::track::{self, CircleFrames, TrackSource};
 use evcal_files::FileError;
+use evcal_files::remedies;
 use evcal_geometry::board::{Board, SquareBoard};
 use evcal_squares::reconstruction::ReconstructionOptions;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
-use event_recordings::likely_sensor::{likely_sensor_of, likely_words};
+use event_recordings::likely_sensor::{add_sensor, likely_sensor_of, likely_words};
 use event_recordings::pass::read_while;
 use event_recordings::pictures::GreyImage;
 use event_recordings::{ReadReport, Recording, RecordingError};
@@ -116,6 +117,12 @@ pub enum SearchError {
         /// Its sensor.
         sensor: Sensor,
     },
+}
+
+remedies! { SearchError, say;
+    Self::Recording(error) => error.remedy(say);
+    Self::OtherSensor(error) => error.remedy(say);
+    Self::SensorUnknown { likely, .. } => Some(add_sensor(*likely, say));
 }
 
 /// Returns the sensor of a recording, if the detector supports it.

@@ -12,7 +12,7 @@ use evcal_geometry::board::sheet::svg::svg;
 use evcal_geometry::board::sheet::{BoardSheet, Page, board_sheet, board_that_fits};
 
 use super::output_arguments::OutputArguments;
-use super::{print, value};
+use super::{Failure, print, value};
 
 /// Pattern of the board without `--board`.
 const PATTERN: Pattern = Pattern { layout: Layout::Asymmetric, rows: 9, columns: 4 };
@@ -52,9 +52,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let page = Page { paper: *paper, margin: *margin, typed: "--board " };
     let board = match arguments.board {
         Some(board) => board,
-        None => board_that_fits(PATTERN, &page)
-            .map(Board::Circles)
-            .ok_or_else(|| format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))?,
+        None => board_that_fits(PATTERN, &page).map(Board::Circles).ok_or_else(|| {
+            Failure::plain(format!("{paper} is too small for a board of 9x4 dots: choose a larger --paper"))
+        })?,
     };
     let paper_files: Vec<&PathBuf> = arguments.pdf.iter().chain(&arguments.svg).collect();
     // A screen has its own size.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use evcal_files::remedies;
 use evcal_geometry::board::request::BoardRequest;
 use evcal_geometry::board::squares::kalibr::{CircleTarget, Target, TargetFileError, read};
 use evcal_geometry::board::{Board, BoardError};
@@ -23,6 +24,10 @@ pub enum BoardArgumentError {
         /// The circles without their radius.
         target: CircleTarget,
     },
+}
+
+remedies! { BoardArgumentError, say;
+    Self::Description(error) => error.remedy(say);
 }
 
 /// Parses a description of a board, or reads the target file with the name `text`.

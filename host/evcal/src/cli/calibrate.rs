@@ -3,11 +3,9 @@
 pub mod fixed;
 pub mod work;
 
-use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use super::advice::with_advice;
 use super::settings::read_settings;
 use evcal_calibrate::calibrate::inertia::InertialRequest;
 use evcal_calibrate::inertial;
@@ -24,6 +22,7 @@ use evcal_detection::circles::file::InputKind;
 use evcal_detection::circles::serial::{SerialAddress, SerialError};
 use evcal_detection::detection::settings::{DetectionSettings, Grid};
 use evcal_files::folder::{FolderError, OutputFolder};
+use evcal_files::remedy::{Remedy as _, Words};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
 use evcal_geometry::board::request::BoardRequest;
@@ -36,11 +35,11 @@ use event_recordings::images::Images;
 use event_recordings::{Recording, RecordingOptions};
 
 use self::fixed::{FixedCamera, FixedCameras};
-use self::work::{Failed, Other, Work};
+use self::work::{Other, Work};
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
-use super::{NotGoodEnough, UsageError, print, value};
+use super::{Failure, UsageError, print, value};
 
 /// Heading of the options for experts.
 const METHOD: &str = "Method";
@@ -122,7 +121,7 @@ impl SecondCameraArguments {
     }
 
     /// Reads the cameras whose intrinsics are fixed.
-    fn fixed_cameras(&self, calibration: &CalibrationArguments) -> Result<FixedCameras, Box<dyn Error>> {
+    fn fixed_cameras(&self, calibration: &CalibrationArguments) -> Result<FixedCameras, Failure> {
         let together = calibration.imu.is_some() || calibration.with_frames || !self.with.is_empty();
         if self.camera.is_some() && !together {
             let advice = "--camera works only together with --imu, --with or --with-frames: add one of them, or leave out --camera";
@@ -222,7 +221,7 @@ impl MethodArguments {
     }
 
     /// Returns the settings of the file, with the options that replace some of them.
-    pub fn settings(&self) -> Result<Settings, Box<dyn Error>> {
+    pub fn settings(&self) -> Result<Settings, Failure> {
         let mut settings = read_settings(self.settings.as_deref(), self.grid)?;
         settings.detection.extraction = self.extraction.unwrap_or(settings.detection.extraction);
         settings.spline.rotation = self.rotation.unwrap_or(settings.spline.rotation);
@@ -235,7 +234,7 @@ impl MethodArguments {
         files: &[PathBuf],
         options: &RecordingOptions,
         settings: &DetectionSettings,
-    ) -> Result<Board, Box<dyn Error>> {
+    ) -> Result<Board, Failure> {
         let board = board_in(&self.board, files, options, settings)?;
         let BoardRequest::Given(board) = self.board else { return Ok(board) };
         let recordings = recordings_in(files, options)?;
@@ -258,7 +257,7 @@ pub(super) fn confirmed(
 }
 
 /// Opens the files that contain events.
-fn recordings_in(files: &[PathBuf], options: &RecordingOptions) -> Result<Vec<Recording>, Box<dyn Error>> {
+fn recordings_in(files: &[PathBuf], options: &RecordingOptions) -> Result<Vec<Recording>, Failure> {
     let mut recordings = Vec::new();
     for file in files.iter().filter(|file| !SerialAddress::is_address(file)) {
         if InputKind::of(file)? == InputKind::Events {
@@ -274,7 +273,7 @@ pub(super) fn board_in(
     files: &[PathBuf],
     options: &RecordingOptions,
     settings: &DetectionSettings,
-) -> Result<Board, Box<dyn Error>> {
+) -> Result<Board, Failure> {
     if let BoardRequest::Given(board) = request {
         return Ok(*board);
     }
@@ -301,7 +300,7 @@ impl CalibrationArguments {
             ModelRequest::Usual => Some(USUAL),
             ModelRequest::Auto => None,
         };
-        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(with_advice(&error)))
+        ParameterRequests::new(model, &self.fix, &self.free).map_err(|error| UsageError(error.advised(&Words::PROGRAM)))
     }
 
     /// Returns the request for an IMU calibration, if there is one.
@@ -324,11 +323,7 @@ impl CalibrationArguments {
 pub fn run(arguments: &Arguments) -> super::Outcome {
     let outcome = open_and_calibrate(arguments);
     match &outcome {
-        // With `NotGoodEnough`, the calibration was printed already.
-        Err(error) if arguments.calibration.json && !error.is::<NotGoodEnough>() => match error.downcast_ref() {
-            Some(Failed { failure, .. }) => print::json(failure)?,
-            None => print::json(&serde_json::json!({ "error": with_advice(&**error) }))?,
-        },
+        Err(failure) if arguments.calibration.json && !failure.is_negative() => failure.print_json()?,
         _ => {}
     }
     outcome
@@ -459,11 +454,7 @@ pub fn calibrate_recordings(
 }
 
 /// Refuses wrong recordings of other cameras before they are opened.
-fn check_others(
-    recordings: &[PathBuf],
-    others: OtherCameras,
-    options: &RecordingOptions,
-) -> Result<(), Box<dyn Error>> {
+fn check_others(recordings: &[PathBuf], others: OtherCameras, options: &RecordingOptions) -> Result<(), Failure> {
     if !others.recordings.is_empty() && recordings.len() > 1 {
         return Err(SecondCameraError::SeveralRecordings.into());
     }
@@ -492,7 +483,7 @@ fn open_input(
     board: &Board,
     folder: &Path,
     progress: impl FnMut(&str),
-) -> Result<Input, Box<dyn Error>> {
+) -> Result<Input, Failure> {
     if !SerialAddress::is_address(path) {
         return Ok(Input::open(path, options, board)?);
     }

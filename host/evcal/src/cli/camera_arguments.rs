@@ -1,6 +1,5 @@
 //! The choice and configuration of a live camera.
 
-use std::error::Error;
 use std::time::Duration;
 
 use clap::ValueEnum;
@@ -9,7 +8,7 @@ use usb_davis::configuration::{Configuration, Streams};
 use usb_davis::device::{Camera, DeviceError, Queue, Selector};
 use usb_davis::dump::Growth;
 
-use super::value;
+use super::{Failure, value};
 
 /// Options of every subcommand that uses a live camera.
 #[derive(clap::Args)]
@@ -39,16 +38,18 @@ enum Preset {
 
 impl CameraArguments {
     /// Opens and configures the camera.
-    pub fn open(&self) -> Result<Camera, Box<dyn Error>> {
+    pub fn open(&self) -> Result<Camera, Failure> {
         let selector = Selector { serial: self.serial.clone(), ..Selector::default() };
         let mut camera = Camera::open(&selector).map_err(|error| match error {
-            DeviceError::NotFound { .. } => format!("{error}; run evcal devices for advice").into(),
-            error => Box::<dyn Error>::from(error),
+            DeviceError::NotFound { .. } => Failure::plain(format!("{error}; run evcal devices for advice")),
+            error => Failure::plain(error),
         })?;
-        camera.configure(&match self.preset {
-            Preset::Calibration => Configuration::calibration(),
-            Preset::Default => Configuration::default(),
-        })?;
+        camera
+            .configure(&match self.preset {
+                Preset::Calibration => Configuration::calibration(),
+                Preset::Default => Configuration::default(),
+            })
+            .map_err(Failure::plain)?;
         Ok(camera)
     }
 

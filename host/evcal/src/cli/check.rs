@@ -2,18 +2,19 @@
 
 use std::path::PathBuf;
 
+use evcal_calibrate::advice::Advice;
 use evcal_calibrate::check::{Checked, check};
 use evcal_calibrate::settings::Settings;
 use evcal_calibrate::task::board_choice::BoardChoiceError;
 use evcal_detection::circles::file::open_events;
+use evcal_files::remedy::Words;
 use evcal_geometry::board::request::{BoardRequest, PrintSize};
 use serde::Serialize;
 
-use super::advice::calibrate::worded;
 use super::calibrate::{board_in, confirmed};
 use super::progress::{Waiting, short_name};
-use super::source_arguments::SourceArguments;
-use super::{NotReady, print};
+use super::source_arguments::{SourceArguments, command};
+use super::{Negative, print};
 
 /// Arguments of `evcal check`.
 #[derive(clap::Args)]
@@ -59,11 +60,16 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     };
     let checked = check(&recording, board.as_ref(), &settings.detection, &settings.frames)?;
     waiting.finish();
-    let next = worded(&checked.next);
+    let next = match &checked.next {
+        Advice::Calibrate { recording, options, board } => {
+            command("calibrate", recording, options, &["--board", board, "-o", "calibration"])
+        }
+        next => next.worded(&Words::PROGRAM),
+    };
     let is_ready = checked.is_ready();
     match arguments.json {
         true => print::json(&WithNext { checked, next })?,
         false => print::line(format!("{checked}\nnext: {next}"))?,
     }
-    if is_ready { Ok(()) } else { Err(NotReady.into()) }
+    if is_ready { Ok(()) } else { Err(Negative::Recording.into()) }
 }

@@ -9,6 +9,8 @@ pub struct CirclesOnly {
     board: Board,
 }
 
+impl evcal_files::remedy::Remedy for CirclesOnly {}
+
 /// Returns the circles of `board`.
 ///
 /// # Errors

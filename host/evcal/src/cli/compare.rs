@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use evcal_calibrate::result::same_camera::{Sameness, compare_calibrations};
 
-use super::{NotTheSame, print};
+use super::{Negative, print};
 
 /// Arguments of `evcal compare`.
 #[derive(clap::Args)]
@@ -30,6 +30,6 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     }
     match compared.sameness {
         Sameness::Same => Ok(()),
-        Sameness::Near | Sameness::Different | Sameness::Unknown => Err(NotTheSame.into()),
+        Sameness::Near | Sameness::Different | Sameness::Unknown => Err(Negative::Comparison.into()),
     }
 }

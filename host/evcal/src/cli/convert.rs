@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use evcal_detection::circles::file::open_events;
 use evcal_files::is_stream;
+use evcal_files::remedies;
 use evcal_files::visible;
 use event_recordings::convert::{ConvertError, TimeOrigin, convert, output_of};
 use event_recordings::encode::OutputFormat;
@@ -44,6 +45,10 @@ pub(super) struct BrokenOff {
     #[source]
     pub error: ConvertError,
     pub output: PathBuf,
+}
+
+remedies! { BrokenOff, say;
+    Self { error, .. } => error.remedy(say);
 }
 
 /// Runs `evcal convert`.

@@ -22,7 +22,7 @@ use super::circles_only::circles_of;
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
 use super::source_arguments::{SourceArguments, command};
-use super::{UsageError, print, value};
+use super::{Failure, UsageError, print, value};
 
 /// Arguments of `evcal detect`.
 #[derive(clap::Args)]
@@ -105,7 +105,7 @@ fn wanted(
     arguments: &Arguments,
     recordings: &[&Recording],
     settings: &DetectionSettings,
-) -> Result<SearchFor, Box<dyn std::error::Error>> {
+) -> Result<SearchFor, Failure> {
     Ok(match &arguments.board {
         Some(BoardRequest::Given(board)) => SearchFor::from(board),
         Some(BoardRequest::Recognise(_)) => {
@@ -121,7 +121,7 @@ fn wanted(
 }
 
 /// Reads a circle stream from its file or serial port; `None` if the recording consists of events.
-fn open_stream(arguments: &Arguments) -> Result<Option<CircleStream>, Box<dyn std::error::Error>> {
+fn open_stream(arguments: &Arguments) -> Result<Option<CircleStream>, Failure> {
     let path = &arguments.recording;
     if SerialAddress::is_address(path) {
         let address = super::calibrate::serial_address(path)?;
@@ -143,7 +143,7 @@ fn write(arguments: &Arguments, found: &FoundCircles) -> super::Outcome {
 fn print_report(arguments: &Arguments, found: &FoundCircles, tried: String, idle: Option<String>) -> super::Outcome {
     let report = &found.report;
     if arguments.json {
-        return print::whole(&serde_json::to_string_pretty(report)?);
+        return print::pretty(report);
     }
     let kind = if arguments.board.is_some() { "with the board" } else { "with enough circles" };
     let mut text: String = found.notes.iter().map(|note| format!("note: {note}\n")).collect();

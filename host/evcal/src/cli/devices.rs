@@ -3,7 +3,7 @@
 use serde_json::json;
 use usb_davis::device::{Availability, DeviceError, Listing, UDEV_RULE, UDEV_RULE_FILE, list};
 
-use super::print;
+use super::{Failure, print};
 
 /// No camera was found; the message contains advice.
 #[derive(Debug, thiserror::Error)]
@@ -25,7 +25,7 @@ pub struct Arguments {
 
 /// Runs `evcal devices`. It fails if no camera is available.
 pub fn run(arguments: &Arguments) -> super::Outcome {
-    let cameras = list()?;
+    let cameras = list().map_err(Failure::plain)?;
     if arguments.json {
         print::json(&cameras.iter().map(as_json).collect::<Vec<_>>())?;
     } else {
@@ -39,7 +39,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         Availability::Unavailable(error) => Some(error),
         Availability::Ready { .. } => None,
     });
-    Err(unavailable.map_or_else(|| NoCamera.into(), Into::into))
+    Err(unavailable.map_or_else(|| Failure::plain(NoCamera), Failure::plain))
 }
 
 fn as_text(camera: &Listing) -> String {

@@ -9,12 +9,12 @@ use evcal_calibrate::evaluate::comparison::{
 use evcal_calibrate::evaluate::intrinsics::IntrinsicsComparison;
 use evcal_calibrate::evaluate::printed_board::{BoardComparison, BoardPair};
 use evcal_calibrate::evaluate::trajectory_error::AbsoluteTrajectoryError;
+use evcal_files::remedy::{Remedy as _, Words};
 use evcal_files::visible;
 use evcal_geometry::lens::projection_difference::ProjectionDifference;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
-use super::advice::with_advice;
 use super::{UsageError, print, value};
 
 mod motion_capture;
@@ -71,7 +71,7 @@ pub fn run(arguments: Arguments) -> super::Outcome {
         time_shift: arguments.time_shift,
     };
     let comparison = match compare(&files) {
-        Err(error @ CompareError::NoTrajectory { .. }) => return Err(UsageError(with_advice(&error)).into()),
+        Err(error @ CompareError::NoTrajectory { .. }) => return Err(UsageError(error.advised(&Words::PROGRAM)).into()),
         comparison => comparison?,
     };
     let Comparison { calibration, truth, intrinsics, projection, board, trajectory } = &comparison;

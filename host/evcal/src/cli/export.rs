@@ -1,6 +1,5 @@
 //! `evcal export`.
 
-use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
@@ -16,7 +15,7 @@ use evcal_geometry::lens::camera_file::camera_path;
 use evcal_geometry::lens::nearest::Replacement;
 
 use super::output_arguments::OutputArguments;
-use super::{UsageError, print, value};
+use super::{Failure, UsageError, print, value};
 
 /// Name for all formats.
 const ALL: &str = "all";
@@ -110,13 +109,13 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let mut written = Vec::new();
     if let Some(name) = arguments.format.as_deref() {
         let refits = write_formats(arguments, name, &calibrated, &others, &mut written)?;
-        report.insert("refits".to_owned(), serde_json::to_value(refits)?);
+        report.insert("refits".to_owned(), serde_json::to_value(refits).map_err(Failure::plain)?);
     }
     if arguments.table.rust_table.is_some() || arguments.table.c_header.is_some() {
         write_tables(arguments, &calibrated, &mut report, &mut written)?;
     }
     if arguments.json {
-        report.insert("written".to_owned(), serde_json::to_value(written)?);
+        report.insert("written".to_owned(), serde_json::to_value(written).map_err(Failure::plain)?);
         return print::json(&report);
     }
     Ok(())
@@ -154,7 +153,7 @@ fn write_formats(
     calibrated: &CalibratedCamera,
     others: &[(String, String)],
     written: &mut Vec<PathBuf>,
-) -> Result<Vec<RefitReport>, Box<dyn Error>> {
+) -> Result<Vec<RefitReport>, Failure> {
     let mut refits = Vec::new();
     let mut refit_report = |format: &'static str, refit: Option<Replacement>| {
         refits.extend(refit.map(|refit| RefitReport {
@@ -250,7 +249,7 @@ fn write_tables(
         ("rows", rows.into()),
         ("bytes", exported.bytes().into()),
         ("largest_error_px", exported.largest_error.into()),
-        ("at", serde_json::to_value(exported.at)?),
+        ("at", exported.at.as_slice().into()),
         ("pixels_without_value", exported.without_value.into()),
     ] {
         report.insert(name.to_owned(), value);

@@ -6,11 +6,10 @@ use evcal_calibrate::advice::Advice;
 use evcal_calibrate::check::units::unusual_unit;
 use evcal_detection::circles::file::open_events;
 use evcal_detection::diagnosis::information;
+use evcal_files::remedy::{Remedy as _, Words};
 
-use super::advice::calibrate::worded;
-use super::advice::with_advice;
-use super::print;
 use super::source_arguments::SourceArguments;
+use super::{Failure, print};
 
 /// Arguments of `evcal info`.
 #[derive(clap::Args)]
@@ -34,7 +33,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         let (information, recording) = match gathered {
             Ok(gathered) => gathered,
             Err(error) => {
-                failures.push(with_advice(&error));
+                failures.push(error.advised(&Words::PROGRAM));
                 continue;
             }
         };
@@ -45,12 +44,16 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             print::line(format!("{separator}{}", information.to_string().trim_end()))?;
             let is_inside = information.report.out_of_range <= information.events;
             if let Some(other) = unusual_unit(&recording, information.mean_rate).filter(|_| is_inside) {
-                print::line(format!("{:<12}{other}: {}", "time unit", worded(&Advice::NameTimeUnit(other.unit))))?;
+                print::line(format!(
+                    "{:<12}{other}: {}",
+                    "time unit",
+                    Advice::NameTimeUnit(other.unit).worded(&Words::PROGRAM)
+                ))?;
             }
         }
         if let Some(error) = &information.error {
-            failures.push(with_advice(error));
+            failures.push(error.advised(&Words::PROGRAM));
         }
     }
-    if failures.is_empty() { Ok(()) } else { Err(failures.join("\nevcal: ").into()) }
+    if failures.is_empty() { Ok(()) } else { Err(Failure::plain(failures.join("\nevcal: "))) }
 }

@@ -9,7 +9,6 @@ mod lines;
 mod replay;
 mod window;
 
-use std::error::Error;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
@@ -20,12 +19,12 @@ use evcal_files::visible;
 use evcal_live::page::view::Context;
 use event_recordings::RecordingOptions;
 
-use super::UsageError;
 use super::calibrate::CalibrationArguments;
 use super::camera_arguments::CameraArguments;
 use super::interrupt::Interrupt;
 use super::source_arguments::SourceArguments;
 use super::value;
+use super::{Failure, UsageError};
 
 use self::incoming::Incoming;
 use self::replay::Source;
@@ -79,7 +78,7 @@ pub struct Arguments {
 
 impl Arguments {
     /// Returns the settings of the file, with the target of the command line.
-    fn settings(&self) -> Result<Settings, Box<dyn std::error::Error>> {
+    fn settings(&self) -> Result<Settings, Failure> {
         let mut settings = self.calibration.method.settings()?;
         settings.live.target = self.target.unwrap_or(settings.live.target);
         Ok(settings)
@@ -152,11 +151,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
 }
 
 /// Opens the page, unless `--no-page` is given; `has_frames` is `true` if there may be frames to show.
-fn open_window(
-    arguments: &Arguments,
-    folder: &OutputFolder,
-    has_frames: bool,
-) -> Result<Option<Window>, Box<dyn Error>> {
+fn open_window(arguments: &Arguments, folder: &OutputFolder, has_frames: bool) -> Result<Option<Window>, Failure> {
     if arguments.no_page {
         return Ok(None);
     }

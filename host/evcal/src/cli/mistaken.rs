@@ -1,13 +1,13 @@
 //! Suggestions for command lines that clap refuses.
 
-use std::error::Error as _;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
+use evcal_files::remedy::{Remedy as _, Words};
 use evcal_geometry::board::Board;
 use event_recordings::RecordingOptions;
 
-use super::advice::advice;
+use super::board_argument::board_request;
 use super::source_arguments::command;
 
 /// Adds a suggestion to an `error` in the command line `words` for mistakes that clap has no suggestion for, such as a recording instead of
@@ -20,7 +20,7 @@ pub fn explained(mut error: clap::Error, words: impl Iterator<Item = String>) ->
             other_program(&error).or_else(|| one_hyphen(&error, words.into_iter()))
         }
         ErrorKind::MissingRequiredArgument => without_board(&error),
-        ErrorKind::ValueValidation => error.source().and_then(advice),
+        ErrorKind::ValueValidation => wrong_board(&error),
         _ => None,
     };
     if let Some(tip) = tip {
@@ -45,6 +45,13 @@ fn without_board(error: &clap::Error) -> Option<String> {
     is_board.then(|| {
         "for example '--board acircles:9x4:55mm:r17.5mm'; 'evcal check RECORDING' recognises the board in a recording".to_owned()
     })
+}
+
+/// A description of a board that cannot be read.
+fn wrong_board(error: &clap::Error) -> Option<String> {
+    let option = error.get(ContextKind::InvalidArg)?.to_string();
+    let value = error.get(ContextKind::InvalidValue)?.to_string();
+    option.starts_with("--board").then(|| board_request(&value).err()?.remedy(&Words::PROGRAM))?
 }
 
 /// Options of Kalibr, a board without `--board`, and negative numbers.

@@ -8,6 +8,8 @@ use std::io::{self, ErrorKind, IsTerminal as _, Write};
 use evcal_files::visible;
 use serde::Serialize;
 
+use super::Failure;
+
 /// Prints `text` and a line end, with lines no longer than a terminal is wide. A closed pipe is not an error.
 pub fn line(text: impl Display) -> super::Outcome {
     styled(visible::lines(&text.to_string()))
@@ -81,7 +83,12 @@ fn indentation(line: &str) -> usize {
 
 /// Prints `value` as JSON on one line.
 pub fn json(value: &impl Serialize) -> super::Outcome {
-    whole(&serde_json::to_string(value)?)
+    whole(&serde_json::to_string(value).map_err(Failure::plain)?)
+}
+
+/// Prints `value` as JSON on several lines.
+pub fn pretty(value: &impl Serialize) -> super::Outcome {
+    whole(&serde_json::to_string_pretty(value).map_err(Failure::plain)?)
 }
 
 /// Prints text for programs, such as JSON, and a line end.
@@ -101,7 +108,7 @@ pub fn text(text: &str) -> super::Outcome {
 
 fn written(written: io::Result<()>) -> super::Outcome {
     match written {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(format!("standard output: {error}").into()),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::plain(format!("standard output: {error}"))),
         _ => Ok(()),
     }
 }

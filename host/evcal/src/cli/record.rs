@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::camera_arguments::CameraArguments;
 use super::interrupt::Interrupt;
-use super::{print, progress};
+use super::{Failure, print, progress};
 
 /// Arguments of `evcal record`.
 #[derive(clap::Args)]
@@ -66,11 +66,10 @@ pub(super) fn good_end(report: &RecorderReport) -> super::Outcome {
         Ending::File(_) => "; make room on the disk, or record to another one",
         _ => "",
     };
-    Err(format!(
+    Err(Failure::plain(format!(
         "{}; the part before is in {file}: {} events in {:.1} s, {} bytes{advice}",
         report.ending, status.events, status.seconds, report.file_bytes
-    )
-    .into())
+    )))
 }
 
 /// Returns the status in one line.

@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     })?;
     waiting.finish();
     if arguments.json {
-        return print::whole(&serde_json::to_string_pretty(&repetition)?);
+        return print::pretty(&repetition);
     }
     print::line(table(&repetition))
 }

@@ -1,6 +1,5 @@
 //! `evcal simulate`.
 
-use std::error::Error;
 use std::path::PathBuf;
 
 use evcal_core::camera::{Camera, ModelKind};
@@ -27,7 +26,7 @@ use serde::de::DeserializeOwned;
 use super::output_arguments::OutputArguments;
 use super::progress::Waiting;
 use super::value::Numbers;
-use super::{UsageError, print, value};
+use super::{Failure, UsageError, print, value};
 
 /// Arguments of `evcal simulate`.
 #[derive(clap::Args)]
@@ -223,7 +222,7 @@ fn print_summary(arguments: &Arguments, written: &WrittenFolder) -> super::Outco
         return print::json(truth);
     }
     if arguments.verbose {
-        print::whole(&serde_json::to_string_pretty(truth)?)?;
+        print::pretty(truth)?;
     }
     let total = counts.off + counts.on;
     print::line(format!(
@@ -270,7 +269,7 @@ fn printed_radius(text: &str) -> Result<f64, String> {
 }
 
 /// Returns the settings of the requested frames and IMU samples.
-fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>> {
+fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Failure> {
     let settings = DavisSettings {
         frames: arguments.frames.map(|rate| arguments.light.frames(rate)),
         imu: arguments.imu.as_deref().map(|unit| inertial_unit(unit, arguments.light)).transpose()?,
@@ -283,7 +282,7 @@ fn davis_settings(arguments: &Arguments) -> Result<DavisSettings, Box<dyn Error>
 }
 
 /// Returns the settings of an IMU by name or from a file.
-fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box<dyn Error>> {
+fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Failure> {
     match unit {
         "perfect" => Ok(light.inertia()),
         "davis346" => Ok(InertialSettings::davis346()),
@@ -298,7 +297,7 @@ fn inertial_unit(unit: &str, light: LightPreset) -> Result<InertialSettings, Box
 }
 
 /// Returns the settings of motion capture, if it is requested.
-fn motion_capture(arguments: &Arguments) -> Result<Option<MotionCaptureSettings>, Box<dyn Error>> {
+fn motion_capture(arguments: &Arguments) -> Result<Option<MotionCaptureSettings>, Failure> {
     let settings: Option<MotionCaptureSettings> =
         usual_or_file("--motion-capture", arguments.motion_capture.as_deref())?;
     settings.as_ref().map(MotionCaptureSettings::check).transpose()?;
@@ -306,11 +305,7 @@ fn motion_capture(arguments: &Arguments) -> Result<Option<MotionCaptureSettings>
 }
 
 /// Returns the second camera, if it is requested, next to a first camera with the lens `first`.
-fn second_camera(
-    arguments: &Arguments,
-    first: &Camera<f64>,
-    sensor: Sensor,
-) -> Result<Option<SecondCamera>, Box<dyn Error>> {
+fn second_camera(arguments: &Arguments, first: &Camera<f64>, sensor: Sensor) -> Result<Option<SecondCamera>, Failure> {
     let mut settings: Option<SecondCameraSettings> =
         usual_or_file("--second-camera", arguments.second_camera.as_deref())?;
     if arguments.second_frames {
@@ -335,7 +330,7 @@ fn usual_or_file<T: Default + DeserializeOwned>(option: &str, value: Option<&str
 }
 
 /// Returns the lens and the size of the sensor.
-fn lens(arguments: &Arguments) -> Result<(Camera<f64>, Sensor), Box<dyn Error>> {
+fn lens(arguments: &Arguments) -> Result<(Camera<f64>, Sensor), Failure> {
     if let Some(file) = &arguments.camera {
         return Ok(camera_file::read(file)?);
     }

@@ -23,7 +23,7 @@ use super::convert::BrokenOff;
 use super::output_arguments::OutputArguments;
 use super::progress::{Waiting, short_name};
 use super::source_arguments::SourceArguments;
-use super::{UsageError, print, value};
+use super::{Failure, UsageError, print, value};
 
 /// Arguments of `evcal undistort`.
 #[derive(clap::Args)]
@@ -141,7 +141,11 @@ fn undistort_one(
     if let Some((folder, WrittenFrames { lost, .. })) = frames
         && !lost.is_empty()
     {
-        return Err(format!("{}\nthe frames before the error are in {}", lost.join("\n"), visible::path(folder)).into());
+        return Err(Failure::plain(format!(
+            "{}\nthe frames before the error are in {}",
+            lost.join("\n"),
+            visible::path(folder)
+        )));
     }
     match report {
         Some((output, UndistortionReport { conversion, .. })) => match conversion.error {

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use evcal_core::pattern::{Layout, Pattern};
+use evcal_files::remedies;
 use nalgebra::Vector2;
 
 use super::Board;
@@ -34,6 +35,11 @@ pub struct CircleBoardError {
     pub text: String,
     /// The problem.
     pub problem: BoardProblem,
+}
+
+remedies! { CircleBoardError, say;
+    Self { problem: BoardProblem::NoCircles(_), .. } => "print one with {}", say.board_pdf?;
+    Self { problem: BoardProblem::File, .. } => "give recordings without an option, not with {}", say.board;
 }
 
 /// Problem of a board description.

@@ -18,6 +18,7 @@ mod tests;
 use std::fmt;
 
 use evcal_core::pattern::Pattern;
+use evcal_files::remedy::{self, Remedy};
 
 use crate::board::squares::raster::Rectangle;
 use crate::board::{Board, CircleBoard};
@@ -170,6 +171,17 @@ pub struct DoesNotFit<B: Printable = Board> {
     pub largest: Option<B>,
     /// Papers on which the board fits.
     pub papers: Vec<&'static str>,
+}
+
+impl<B: Printable> Remedy for DoesNotFit<B> {
+    fn remedy(&self, say: &remedy::Words) -> Option<String> {
+        let paper = say.paper?;
+        Some(match (&self.largest, self.papers.is_empty()) {
+            (_, true) => format!("give the size of your paper as {}", paper.with("WIDTHxHEIGHTmm")),
+            (Some(largest), false) => format!("print {}, or choose a larger {paper}", say.board.with(largest)),
+            (None, false) => format!("choose a larger {paper}"),
+        })
+    }
 }
 
 impl<B: Printable> fmt::Display for DoesNotFit<B> {

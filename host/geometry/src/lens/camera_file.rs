@@ -116,6 +116,8 @@ pub enum CameraFileError {
     },
 }
 
+impl evcal_files::remedy::Remedy for CameraFileError {}
+
 fn not_usable(file: &str, error: &yaml::YamlError) -> String {
     use yaml::YamlError::{NoCamera, NoJson, NoXml, NoYaml};
     match error {

@@ -23,6 +23,7 @@ use evcal_detection::circles::reference_frame::ReferenceFrame;
 use evcal_detection::circles::track::{self, TrackSource};
 use evcal_files::FileError;
 use evcal_files::folder::{FolderError, OutputFolder};
+use evcal_files::remedies;
 use evcal_geometry::board::Board;
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_geometry::tum;
@@ -87,6 +88,10 @@ pub enum WriteError {
     File(#[from] FileError),
 }
 
+remedies! { WriteError, say;
+    Self::Folder(error) => error.remedy(say);
+}
+
 /// Writes the result of `task` as [`write_folder`] does, into a folder without an earlier result.
 ///
 /// # Errors
@@ -136,7 +141,7 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
     let calibration = CalibrationFile {
         command: (!task.command_line.is_empty()).then(|| task.command_line.to_owned()),
         input_files: input_files(task).map_err(changed)?,
-        ..CalibrationFile::new(calibrated, task.board, task.wording)
+        ..CalibrationFile::new(calibrated, task.board, task.words)
     };
     let failed = |error: serde_json::Error| FileError::new(&folder.join("calibration.json"), error.into());
     let json = serde_json::to_string(&calibration).map_err(failed)?;

@@ -4,13 +4,13 @@ use maud::{Markup, html};
 
 use super::number::{count, percent, signed};
 use super::page::figure;
-use evcal_calibrate::advice::Wording;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
 use evcal_calibrate::quality::verdict::{Finding, Grade, SMALLEST_COVERAGE, Severity, VerdictSettings};
 use evcal_calibrate::result::device_verdicts::{DeviceVerdict, device_verdicts};
 use evcal_calibrate::task::Task;
 use evcal_calibrate::task::input::Input;
 use evcal_core::sensor::Sensor;
+use evcal_files::remedy::Words;
 use evcal_solve::solve::residual_statistics::Measured;
 
 /// Returns the title of the page.
@@ -36,9 +36,9 @@ pub fn head(calibrated: &Calibrated, task: &Task) -> Markup {
         div.verdict.(class(verdict.grade)) {
             p.sentence { @if !others.is_empty() { "Camera: " } (verdict.sentence) }
             @if let (true, Some(first)) = (verdict.grade != Grade::Good, verdict.findings.first()) {
-                p.first { strong { "Do this first: " } ((task.wording)(&first.advice)) "." }
+                p.first { strong { "Do this first: " } (first.advice.worded(task.words)) "." }
             }
-            @if !verdict.findings.is_empty() { (findings(&verdict.findings, task.wording)) }
+            @if !verdict.findings.is_empty() { (findings(&verdict.findings, task.words)) }
         }
         @for DeviceVerdict { about, grade, sentence } in &others {
             div.verdict.(class(*grade)) { p.sentence { (about) ": " (sentence) } }
@@ -55,13 +55,13 @@ fn class(grade: Grade) -> &'static str {
     }
 }
 
-fn findings(findings: &[Finding], wording: Wording) -> Markup {
+fn findings(findings: &[Finding], say: &Words) -> Markup {
     html! {
         ul.findings {
             @for finding in findings {
                 li {
                     strong { (severity(finding.severity)) ": " } (capital(&finding.reason)) ". "
-                    em { "What to do: " } (wording(&finding.advice)) "."
+                    em { "What to do: " } (finding.advice.worded(say)) "."
                 }
             }
         }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use evcal_files::remedies;
 use serde::{Deserialize, Serialize};
 
 /// Reasons why a reference frame is not part of the initial model.
@@ -218,4 +219,9 @@ pub enum InitialError {
         /// Standard deviation of the focal length in percent of it.
         percent: f64,
     },
+}
+
+remedies! { InitialError, say;
+    Self::Mirrored { .. } => "flip x in the recording or correct {}", say.board;
+    Self::NoCamera { .. } => "check {} and {}", say.board, say.model;
 }

@@ -12,6 +12,7 @@ mod motive;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use evcal_files::remedies;
 use evcal_files::text::excerpt;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -29,6 +30,12 @@ pub struct CaptureFileError {
     pub path: PathBuf,
     /// The reason.
     pub reason: CaptureError,
+}
+
+remedies! { CaptureFileError, say;
+    Self { reason: CaptureError::OtherBodies { .. } | CaptureError::SeveralBodies { .. }, .. } =>
+        "choose it with {}", say.body?;
+    Self { reason: CaptureError::NoNames, .. } => "leave out {}", say.body?;
 }
 
 /// Problems of the content of a capture.

@@ -15,6 +15,7 @@ use super::recognised::{Recognised, find_board, find_squares, in_lengths_of, is_
 use crate::circles::reference_frame::{ReferenceFrame, UnorderedFrame};
 use crate::detection::order_frames;
 use crate::detection::settings::DetectionSettings;
+use evcal_files::remedies;
 use evcal_geometry::board::{Board, CircleBoard, SquareBoard};
 use evcal_squares::recognition::RecognisedBoard;
 use event_recordings::{Recording, RecordingError};
@@ -48,6 +49,11 @@ impl OtherReading {
             Self::Kind(Recognised::Squares(_)) => None,
         }
     }
+}
+
+remedies! { OtherReading, say;
+    Self::Board { board, .. } => "use {}", say.board.with(board);
+    Self::Kind(found) => "for example {}", say.board.with(found.example());
 }
 
 impl fmt::Display for OtherReading {

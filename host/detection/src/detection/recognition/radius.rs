@@ -4,6 +4,7 @@ use evcal_core::pattern::Layout;
 
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::recognition::layout::radius_ratios;
+use evcal_files::remedy::{Remedy, Words};
 use evcal_geometry::board::CircleBoard;
 use evcal_geometry::numerics::statistics::median;
 
@@ -27,6 +28,16 @@ pub struct OtherRadius {
     /// The boards that may be intended, each with the question that decides it: the radius may be a diameter, or the
     /// spacing the distance of neighbours in a row.
     pub meant: Vec<(&'static str, CircleBoard)>,
+}
+
+impl Remedy for OtherRadius {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        let boards: Vec<String> = self.meant.iter().map(|(_, board)| say.board.with(board)).collect();
+        Some(match boards.is_empty() {
+            true => format!("give the measured lengths with {}", say.board),
+            false => format!("use {}", boards.join(" or ")),
+        })
+    }
 }
 
 /// Describes the boards that may be intended.

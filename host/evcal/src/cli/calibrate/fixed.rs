@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_core::sensor::Sensor;
+use evcal_files::remedy::Remedy;
 use evcal_files::visible;
 use evcal_geometry::lens::camera_file::CameraFileError;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
@@ -28,6 +29,8 @@ pub struct OtherSensor {
     known: Sensor,
     recorded: Sensor,
 }
+
+impl Remedy for OtherSensor {}
 
 impl FixedCamera {
     /// Reads a calibration or another camera file; prints a warning if it contains no σ.

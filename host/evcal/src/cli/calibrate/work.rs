@@ -1,6 +1,5 @@
 //! One calibration: its inputs, the calibration itself, and its output.
 
-use std::fmt;
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -11,10 +10,8 @@ use evcal_calibrate::calibrate::inertia::calibrate_inertial;
 use evcal_calibrate::calibrate::second::{
     calibrate_against_first, calibrate_lens_separately, calibrate_own_pictures, picture_use_of_second,
 };
-use evcal_calibrate::inertial::error::InertialError;
 use evcal_calibrate::quality::verdict::{Cause, Grade};
 use evcal_calibrate::result::device_verdicts::{device_verdicts, worst_grade};
-use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
 use evcal_calibrate::task::board_choice::{LargerBoard, larger_board};
 use evcal_calibrate::task::error::CalibrateError;
@@ -24,35 +21,20 @@ use evcal_calibrate::task::step::Step;
 use evcal_calibrate::task::{PictureUse, Task};
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
+use evcal_files::remedy::{Remedy, Words};
 use evcal_files::visible;
 use evcal_geometry::board::Board;
-use evcal_report::output::failure::{Failure, write_failure};
+use evcal_report::output::failure::write_failure;
 use evcal_report::output::folder::{Written, write_folder};
 use evcal_report::output::summary::Summary;
 use evcal_solve::initial::model_choice::ModelRequest;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use rayon::ThreadPool;
 
-use super::super::advice::calibrate::worded;
-use super::super::advice::with_advice;
 use super::super::progress::Waiting;
-use super::super::{NotGoodEnough, Outcome, command_line, print};
+use super::super::{Failure, Negative, Outcome, command_line, print};
 use super::CalibrationArguments;
 use super::fixed::{FixedCameras, OtherSensor};
-
-/// A failed calibration, and the files that describe the failure.
-#[derive(Debug, thiserror::Error)]
-#[error("{error}{}", files_of(.failure))]
-pub(super) struct Failed {
-    #[source]
-    error: CalibrateError,
-    pub(super) failure: Failure,
-}
-
-fn files_of(failure: &Failure) -> String {
-    let files: Vec<String> = failure.files.iter().map(visible::path).collect();
-    if files.is_empty() { String::new() } else { format!("\n  details: {}", files.join(", ")) }
-}
 
 /// Another camera on the mount.
 pub struct Other {
@@ -121,7 +103,7 @@ impl Work<'_> {
             parameters: self.parameters,
             settings: self.settings,
             command_line,
-            wording: worded,
+            words: &Words::PROGRAM,
             readers: self.readers.as_ref(),
         }
     }
@@ -185,8 +167,9 @@ impl Work<'_> {
                 if !self.arguments.json {
                     self.print_assumptions();
                 }
-                let failure = write_failure(folder.path(), &task, &error, with_advice(&error), attempt.stages)?;
-                return Err(Failed { error, failure }.into());
+                let text = error.advised(&Words::PROGRAM);
+                let written = write_failure(folder.path(), &task, &error, text, attempt.stages)?;
+                return Err(Failure::of_calibration(&error, written));
             }
         };
         let inertial = self.add_inertial(&mut calibrated, &mut waiting);
@@ -210,58 +193,31 @@ impl Work<'_> {
         // The results of the camera are written nevertheless.
         let failed: Vec<NotCalibrated> = inertial.err().into_iter().chain(others).collect();
         if !failed.is_empty() {
-            return Err(AllNotCalibrated(failed).into());
+            return Err(Failure::plain(in_words(&failed)));
         }
         match worst_grade(&calibrated) {
-            Grade::NotGood if !self.arguments.accept_any => Err(NotGoodEnough.into()),
+            Grade::NotGood if !self.arguments.accept_any => Err(Negative::Calibration.into()),
             _ => Ok(()),
         }
     }
 }
 
-/// Reasons why the IMU or another camera was not calibrated.
-#[derive(Debug, thiserror::Error)]
-enum OtherError {
-    #[error("{0}")]
-    Inertial(#[from] InertialError),
-    #[error("{0}")]
-    Sensor(#[from] OtherSensor),
-    #[error("{0}")]
-    Alone(#[source] CalibrateError),
-    #[error("{0}")]
-    Together(#[from] SecondCameraError),
-}
-
 /// The IMU or another camera that was not calibrated, with the reason.
-#[derive(Debug)]
 struct NotCalibrated {
     what: String,
-    error: OtherError,
+    reason: Failure,
 }
 
-/// The IMU and the other cameras that were not calibrated. A failure of one does not prevent the calibration of the
-/// others.
-#[derive(Debug)]
-struct AllNotCalibrated(Vec<NotCalibrated>);
-
-impl std::error::Error for AllNotCalibrated {}
-
-impl fmt::Display for AllNotCalibrated {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0.as_slice() {
-            // A single error is printed without a name in front, because it contains the name. Only `Alone` does not
-            // contain it.
-            [NotCalibrated { what, error: error @ OtherError::Alone(_) }] => {
-                write!(f, "{what}: {}", with_advice(error))
-            }
-            [NotCalibrated { error, .. }] => f.write_str(&with_advice(error)),
-            several => {
-                write!(f, "{} were not calibrated:", several.len())?;
-                several
-                    .iter()
-                    .try_for_each(|NotCalibrated { what, error }| write!(f, "\n  {what}: {}", with_advice(error)))
-            }
-        }
+/// Describes what was not calibrated. A failure of one does not prevent the calibration of the others.
+fn in_words(failed: &[NotCalibrated]) -> String {
+    let line = |NotCalibrated { what, reason }: &NotCalibrated| match reason.advised() {
+        reason if reason.starts_with(what.as_str()) => format!("\n  {reason}"),
+        reason => format!("\n  {what}: {reason}"),
+    };
+    match failed {
+        // The reason contains the name.
+        [alone] => alone.reason.advised(),
+        several => format!("{} were not calibrated:{}", several.len(), several.iter().map(line).collect::<String>()),
     }
 }
 
@@ -269,10 +225,10 @@ impl Work<'_> {
     /// Calibrates the IMU, if this is requested, and adds it to the camera.
     fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), NotCalibrated> {
         let added = self.add_imu(calibrated, waiting);
-        added.map_err(|error| NotCalibrated { what: "the IMU".to_owned(), error })
+        added.map_err(|reason| NotCalibrated { what: "the IMU".to_owned(), reason })
     }
 
-    fn add_imu(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
+    fn add_imu(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Outcome {
         let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
         waiting.stage("IMU", None);
         let found = calibrate_inertial(calibrated, &self.inputs, &request, self.fixed_of_first(calibrated)?);
@@ -287,19 +243,19 @@ impl Work<'_> {
     fn add_others(&self, first: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Vec<NotCalibrated> {
         let mut failed = Vec::new();
         if task.pictures == PictureUse::SecondCamera
-            && let Err(error) = self.add_own_frames(first, waiting)
+            && let Err(reason) = self.add_own_frames(first, waiting)
         {
-            failed.push(NotCalibrated { what: "the camera's own frames".to_owned(), error });
+            failed.push(NotCalibrated { what: "the camera's own frames".to_owned(), reason });
         }
         for (number, other) in self.others.iter().enumerate() {
-            if let Err(error) = self.add_other(first, number, other, task, waiting) {
-                failed.push(NotCalibrated { what: other.input.name(), error });
+            if let Err(reason) = self.add_other(first, number, other, task, waiting) {
+                failed.push(NotCalibrated { what: other.input.name(), reason });
             }
         }
         failed
     }
 
-    fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Result<(), OtherError> {
+    fn add_own_frames(&self, first: &mut Calibrated, waiting: &mut Waiting) -> Outcome {
         waiting.stage("frames as a second camera", None);
         let found = calibrate_own_pictures(first, self.fixed_of_first(first)?);
         Ok(first.add_second(found)?)
@@ -312,7 +268,7 @@ impl Work<'_> {
         other: &Other,
         task: &Task,
         waiting: &mut Waiting,
-    ) -> Result<(), OtherError> {
+    ) -> Outcome {
         let Other { input, sensor, model } = other;
         let inputs = std::slice::from_ref(input);
         let pictures = picture_use_of_second(&self.inputs, input);
@@ -322,7 +278,8 @@ impl Work<'_> {
             waiting.stage(step.text, step.done);
             ControlFlow::Continue(())
         });
-        let second = second.map_err(OtherError::Alone)?;
+        let second =
+            second.map_err(|error| Failure::plain(format!("{}: {}", input.name(), error.advised(&Words::PROGRAM))))?;
         waiting.stage("both cameras", None);
         let fixed = self.fixed.others.get(number).map(|fixed| fixed.of(second.sensor)).transpose()?;
         let lenses = [self.fixed_of_first(first)?, fixed];

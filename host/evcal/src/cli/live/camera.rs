@@ -1,6 +1,5 @@
 //! `evcal live` with a camera.
 
-use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::thread;
 
@@ -21,7 +20,7 @@ use usb_davis::dump::Growth;
 
 use super::super::interrupt::Interrupt;
 use super::super::progress::Waiting;
-use super::super::{NotGoodEnough, print, record as recording};
+use super::super::{Failure, print, record as recording};
 use super::ahead::{Ahead, Shared};
 use super::lines::Lines;
 use super::window::Window;
@@ -65,7 +64,7 @@ pub fn run(
             let listener = window.as_ref().map(|window| window.step_listener(recorded.sensor, &recorded.seen));
             let waiting = Waiting::of_stages(calibration.json).and(listener);
             let calibrated = ahead.finish(&recordings, calibration, settings, folder, waiting);
-            Ok::<_, Box<dyn Error>>((recorded, calibrated))
+            Ok::<_, Failure>((recorded, calibrated))
         });
         let (Recorded { sensor, seen, report, memory: remembered }, calibrated) = recorded?;
         let next = window.as_ref().map(|window| window.finish(sensor, &seen, folder, &calibrated, true));
@@ -75,7 +74,7 @@ pub fn run(
             // If the camera was disconnected, the calibration uses the data before that.
             Some(Next::Close) | None => {
                 return match calibrated {
-                    Err(error) if !error.is::<NotGoodEnough>() => Err(error),
+                    Err(failure) if !failure.is_negative() => Err(failure),
                     calibrated => recording::good_end(&report).and(calibrated),
                 };
             }
@@ -112,7 +111,7 @@ impl Session<'_> {
         path: &Path,
         growth: &Growth,
         memory: Option<Memory>,
-    ) -> Result<Recorded, Box<dyn Error>> {
+    ) -> Result<Recorded, Failure> {
         let Self { arguments, settings, board, interrupt, window } = self;
         let json = arguments.calibration.json;
         let header = camera.header();

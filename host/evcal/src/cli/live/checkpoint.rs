@@ -9,12 +9,12 @@ use evcal_calibrate::settings::Settings;
 use evcal_calibrate::task::Task;
 use evcal_calibrate::task::input::Input;
 use evcal_calibrate::task::step::Step;
+use evcal_files::remedy::{Remedy as _, Words};
 use evcal_geometry::board::Board;
 use evcal_live::checkpoint::{Checkpoints, ReportTime, ReportedAccuracy, RunningCalibration};
 use evcal_solve::initial::model_choice::ModelRequest;
 use event_recordings::{Recording, RecordingOptions};
 
-use super::super::advice::with_advice;
 use super::Arguments;
 
 /// The inputs and options of a checkpoint.
@@ -53,9 +53,10 @@ pub fn start(
 impl Work {
     /// Calibrates the first `seconds`; returns the reported uncertainty, or the reason of a failure.
     fn state(&self, seconds: f64, running: &RunningCalibration) -> Result<ReportedAccuracy, String> {
-        let recording = Recording::new(&self.recording, self.options.clone()).map_err(|error| with_advice(&error))?;
+        let recording =
+            Recording::new(&self.recording, self.options.clone()).map_err(|error| error.advised(&Words::PROGRAM))?;
         let before = self.before.iter().map(|path| Input::open(path, &self.options, &self.board));
-        let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| with_advice(&error))?;
+        let before: Vec<Input> = before.collect::<Result<_, _>>().map_err(|error| error.advised(&Words::PROGRAM))?;
         let task = Task {
             model: self.model,
             sensor: self.options.sensor,
@@ -66,7 +67,8 @@ impl Work {
             running.report(step.text, step.done);
             if running.is_stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let calibrated = calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| with_advice(&error))?;
+        let calibrated =
+            calibrate_beginning(&recording, seconds, &task, go_on).map_err(|error| error.advised(&Words::PROGRAM))?;
         let split_half = calibrated.events().and_then(|events| events.quality.split_half.as_ref());
         let projection = &calibrated.quality.projection;
         Ok(ReportedAccuracy {

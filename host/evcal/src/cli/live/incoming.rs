@@ -1,6 +1,5 @@
 //! A recording that arrives during the session: on standard input, or in a file that another program writes.
 
-use std::error::Error;
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
 use std::path::Path;
@@ -15,6 +14,7 @@ use evcal_files::visible;
 use event_recordings::{FileFormat, Recording, RecordingOptions};
 use usb_davis::dump::Growth;
 
+use super::super::Failure;
 use super::super::interrupt::Interrupt;
 
 /// Time between two looks at the length of a followed file.
@@ -37,7 +37,7 @@ pub struct Incoming {
 
 impl Incoming {
     /// Follows the file at `path`, which another program is writing. It ends after [`COMPLETE`] without a further byte, or with a signal.
-    pub fn follow(path: &Path, options: RecordingOptions, interrupt: &Interrupt) -> Result<Self, Box<dyn Error>> {
+    pub fn follow(path: &Path, options: RecordingOptions, interrupt: &Interrupt) -> Result<Self, Failure> {
         let growth = Growth::default();
         let (file, watched, interrupt) = (path.to_owned(), growth.clone(), interrupt.clone());
         thread::Builder::new().name("following".to_owned()).spawn(move || {
@@ -61,7 +61,7 @@ impl Incoming {
         folder: &OutputFolder,
         options: RecordingOptions,
         interrupt: &Interrupt,
-    ) -> Result<Self, Box<dyn Error>> {
+    ) -> Result<Self, Failure> {
         let unnamed = folder.path().join("recording");
         let mut file = create(&unnamed)?;
         let (growth, failed) = (Growth::default(), Arc::new(Mutex::new(None)));
@@ -80,7 +80,7 @@ impl Incoming {
             }
             written.end();
         })?;
-        let opened = || -> Result<(&FileFormat, Sensor), Box<dyn Error>> {
+        let opened = || -> Result<(&FileFormat, Sensor), Failure> {
             let recording = Recording::growing(&unnamed, options.clone(), growth.clone())?;
             Ok((recording.format(), sensor(&recording)?))
         };
@@ -105,29 +105,30 @@ impl Incoming {
         self.growth.end();
         match self.failed.lock().unwrap_or_else(PoisonError::into_inner).take() {
             None => Ok(()),
-            Some(error) => Err(format!(
+            Some(error) => Err(Failure::plain(format!(
                 "standard input could not be stored any more: {error}; the part before is in {}",
                 visible::path(self.path())
-            )
-            .into()),
+            ))),
         }
     }
 }
 
 /// Returns the sensor of `recording`, which cannot be read ahead to guess it.
-fn sensor(recording: &Recording) -> Result<Sensor, Box<dyn Error>> {
+fn sensor(recording: &Recording) -> Result<Sensor, Failure> {
     let unknown = || SearchError::SensorUnknown { file: visible::path(recording.path()), likely: None };
     Ok(recording.open()?.information().sensor.ok_or_else(unknown)?)
 }
 
 /// Creates the file; it must not exist.
-fn create(path: &Path) -> Result<File, Box<dyn Error>> {
-    File::create_new(path).map_err(|error| match error.kind() {
-        io::ErrorKind::AlreadyExists => {
-            format!("{} is there already and is not overwritten: choose another folder with -o", visible::path(path))
-                .into()
-        }
-        _ => format!("{}: {error}", visible::path(path)).into(),
+fn create(path: &Path) -> Result<File, Failure> {
+    File::create_new(path).map_err(|error| {
+        let file = visible::path(path);
+        Failure::plain(match error.kind() {
+            io::ErrorKind::AlreadyExists => {
+                format!("{file} is there already and is not overwritten: choose another folder with -o")
+            }
+            _ => format!("{file}: {error}"),
+        })
     })
 }
 

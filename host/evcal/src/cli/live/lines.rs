@@ -26,7 +26,7 @@ pub struct Lines {
     /// The last line without its time, and the number of lines after it that are the same.
     last: (String, u32),
     /// The first failure to print, as text because hints come from other threads.
-    printed: Result<(), String>,
+    printed: Outcome,
 }
 
 impl Lines {
@@ -70,14 +70,14 @@ impl Lines {
 
     fn print(&mut self, print: impl FnOnce() -> Outcome) {
         if self.printed.is_ok() {
-            self.printed = print().map_err(|error| error.to_string());
+            self.printed = print();
         }
     }
 
     /// Ends the output; fails if a line could not be printed.
     pub fn finish(self) -> Outcome {
         self.bar.finish_and_clear();
-        Ok(self.printed?)
+        self.printed
     }
 }
 

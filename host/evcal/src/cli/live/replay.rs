@@ -7,6 +7,7 @@ use evcal_calibrate::check::units::unusual_beginning;
 use evcal_calibrate::settings::Settings;
 use evcal_detection::detection::search::sensor_of;
 use evcal_files::folder::OutputFolder;
+use evcal_files::remedy::Words;
 use evcal_live::checkpoint::ReportTime;
 use evcal_live::latest::Latest;
 use evcal_live::observer::Observer;
@@ -14,7 +15,6 @@ use evcal_live::replay::replay;
 use evcal_live::wanted::words;
 use event_recordings::Recording;
 
-use super::super::advice::calibrate::worded;
 use super::super::calibrate::{CameraRecordings, calibrate_recordings};
 use super::super::interrupt::Interrupt;
 use super::super::print;
@@ -56,7 +56,7 @@ pub fn run(
         Source::Incoming(incoming) => (incoming.sensor, Vec::new(), ReportTime::WhenReady),
     };
     if let (Source::Whole(_), Some(other)) = (&source, unusual_beginning(recording)) {
-        print::aside(format!("{other}: {}", worded(&Advice::NameTimeUnit(other.unit))));
+        print::aside(format!("{other}: {}", Advice::NameTimeUnit(other.unit).worded(&Words::PROGRAM)));
     }
     let method = &arguments.calibration.method;
     let board = &method.choose_board(&known, &options, &settings.detection)?;

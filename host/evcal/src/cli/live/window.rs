@@ -25,8 +25,6 @@ use evcal_report::output::folder::results_in;
 use event_recordings::Recording;
 use event_recordings::pictures::GreyImage;
 
-use super::super::NotGoodEnough;
-use super::super::advice::with_advice;
 use super::super::print;
 use super::super::progress::Listener;
 use super::browser::{self, Redirect, is_desktop};
@@ -141,9 +139,9 @@ impl Window {
         calibrated: &super::super::Outcome,
         is_possible: bool,
     ) -> Next {
-        let failure = calibrated.as_ref().err().filter(|error| !error.is::<NotGoodEnough>());
+        let failure = calibrated.as_ref().err().filter(|failure| !failure.is_negative());
         let outcome = match failure {
-            Some(error) => Err(with_advice(&**error)),
+            Some(failure) => Err(failure.advised()),
             None => self.outcome(folder.path(), seen).map_err(|error| error.to_string()),
         };
         let (phase, outcome) = match outcome {
