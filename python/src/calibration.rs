@@ -75,7 +75,7 @@ impl CalibrationJob {
         let mut failures = Vec::new();
         if let Some(request) = &self.inertial {
             let _ = on_progress(Step { text: "IMU", done: None });
-            let found = calibrate_inertial(&first, &self.inputs, request, None);
+            let found = calibrate_inertial(&task, &first, request, None);
             failures.extend(
                 first.add_inertial(found).err().map(|error| ("the IMU".to_owned(), error.advised(&Words::PYTHON))),
             );

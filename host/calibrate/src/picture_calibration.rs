@@ -11,3 +11,4 @@ pub mod bundle;
 pub mod calibration;
 pub mod circle_image;
 pub mod joint;
+pub mod uneven_board;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use evcal_tests::accuracy::Accuracy;
 use evcal_tests::lens::{Lens, RADTAN4};
-use evcal_tests::{BOARD, evcal, read_json, text};
+use evcal_tests::{BOARD, evcal, made, read_json, text};
 use serde_json::Value;
 
 const LENS: Lens = RADTAN4;
@@ -33,6 +33,25 @@ fn frames_and_events_of_one_recording_agree_within_their_uncertainty() {
         let name = parameter["name"].as_str().unwrap();
         let error = number(&parameter["frames"]) - number(&truth["camera"]["parameters"][name]);
         assert!(error.abs() <= 4.0 * number(&parameter["frames_sigma"]), "{name} is off by {error}: {parameter}");
+    }
+}
+
+/// The lens took up the bend of the board: its error was ten times the stated bound, without a word.
+#[test]
+fn a_bent_board_in_frames_is_named_and_the_bound_contains_its_effect() {
+    let board = "checkerboard:6x9:25mm";
+    let simulated = ["simulate", "--board", board, "--duration", "2s", "--frames", "20", "--seed", "8"];
+    for (name, bend) in [("flat", "0mm,0mm"), ("bent", "0.3mm,0.1mm")] {
+        let recording = made(&format!("frames-{name}"), &[&simulated[..], &["--bend", bend]].concat());
+        let events = recording.join("events.aedat4");
+        let only = ["--board", board, "--frames-only", "--accept-any"];
+        let calibration = made(&format!("frames-{name}-only"), &[&["calibrate", text(&events)][..], &only].concat());
+        let result = read_json(&calibration.join("calibration.json"));
+        let bound = number(&result["uncertainty"]["projection_rms_95"]);
+        let error = Accuracy::of(&calibration, &recording).projection_rms;
+        assert!(error <= bound, "{name}: {error} px, stated {bound} px");
+        let names_it = result["verdict"]["sentence"].as_str().unwrap().contains("the board is not as described");
+        assert_eq!(names_it, name == "bent", "{name}: {}", result["verdict"]);
     }
 }
 

@@ -137,7 +137,7 @@ fn the_imu_is_estimated_correctly_and_faulty_samples_are_reported() {
     let inputs = [Input::open(&folder.join("events.aedat4"), &RecordingOptions::default(), &board).unwrap()];
     let task = Task { pictures: PictureUse::Ignore, ..Task::new(&inputs, &board) };
     let mut calibrated = calibrate(&task, |_| ControlFlow::Continue(())).unwrap();
-    let found = calibrate_inertial(&calibrated, &inputs, &InertialRequest::default(), None).unwrap();
+    let found = calibrate_inertial(&task, &calibrated, &InertialRequest::default(), None).unwrap();
     check(&found, &truth);
     assert!(found.camera_moved.unwrap() < 2.0, "the camera moved by {:?} σ", found.camera_moved);
     assert_eq!(found.findings, [], "there are no findings");
@@ -152,8 +152,7 @@ fn the_imu_is_estimated_correctly_and_faulty_samples_are_reported() {
     without_gravity(&bench, &found);
     loose(&bench);
 
-    let Evidence::Events(events) = &mut calibrated.evidence else { panic!("no trajectory") };
-    events.inertial = Some(found);
+    calibrated.inertial = Some(found);
     files(&calibrated, &task);
 }
 
@@ -172,7 +171,7 @@ fn a_wrong_nominal_spacing_is_reported() {
     let inputs = [Input::open(&recording().join("events.aedat4"), &RecordingOptions::default(), &board).unwrap()];
     let task = Task { pictures: PictureUse::Ignore, ..Task::new(&inputs, &board) };
     let calibrated = calibrate(&task, |_| ControlFlow::Continue(())).unwrap();
-    let found = calibrate_inertial(&calibrated, &inputs, &InertialRequest::default(), None).unwrap();
+    let found = calibrate_inertial(&task, &calibrated, &InertialRequest::default(), None).unwrap();
     assert_eq!(causes(&found), [Cause::BoardSpacing]);
     let (scale, sigma) = (found.parameters.board_scale, found.sigma(BOARD_SCALE));
     assert!((scale - 1.0 / 1.01).abs() < 3e-3 && sigma < 3.5e-3, "{scale} ± {sigma}");

@@ -133,7 +133,14 @@ impl Crossing {
         let printed = succeed(&["check", text(recording)]);
         let kind = self.board.split(':').next().unwrap_or_default();
         assert!(printed.contains(&format!("--board {kind}:")), "{}: {printed}", self.name());
-        let printed = succeed(&["check", text(recording), "--board", self.board]);
+        let finished = evcal(&["check", text(recording), "--board", self.board]);
+        if self.sensor == HD {
+            // A longer recording of this sensor would take minutes to simulate.
+            assert!(finished.stdout.contains("next: the recording is short"), "{}: {finished:?}", self.name());
+            return;
+        }
+        assert_eq!(finished.code, Some(0), "{}: {finished:?}", self.name());
+        let printed = finished.stdout;
         let command = printed.lines().find_map(|line| line.trim().strip_prefix("next: evcal "));
         let command = command.unwrap_or_else(|| panic!("{}: {printed}", self.name()));
         let result = folder.join("printed");

@@ -41,6 +41,8 @@ pub struct Calibrated {
     pub verdict: Verdict,
     /// Data from which the camera was calibrated.
     pub evidence: Evidence,
+    /// The IMU, if requested.
+    pub inertial: Option<InertialCalibration>,
 }
 
 /// Data from which a camera was calibrated.
@@ -96,8 +98,6 @@ pub struct EventCalibration {
     pub cross_check: Option<CrossCheckOutcome>,
     /// Statistics of the joint solve of pictures and events, if there was one.
     pub joint: Option<JointReport>,
-    /// The IMU, if requested.
-    pub inertial: Option<InertialCalibration>,
     /// Other cameras on the same mount, in the order of the request.
     pub second_cameras: Vec<SecondCamera>,
     /// The camera's own pictures, if they are used as pictures of a second camera.

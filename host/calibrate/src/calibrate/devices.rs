@@ -18,10 +18,7 @@ impl Calibrated {
             Err(InertialError::OppositeAccelerations) => settle(self, Shown::OppositeAccelerations),
             _ => {}
         }
-        let found = found?;
-        if let Evidence::Events(events) = &mut self.evidence {
-            events.inertial = Some(found);
-        }
+        self.inertial = Some(found?);
         Ok(())
     }
 

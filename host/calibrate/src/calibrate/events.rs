@@ -90,7 +90,6 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         quality: examined.event_quality,
         cross_check: examined.cross_check,
         joint,
-        inertial: None,
         second_cameras: Vec::new(),
         own_pictures: own,
     };
@@ -102,6 +101,7 @@ pub(super) fn calibrate(task: &Task, progress: &Progress) -> Result<Calibrated, 
         quality: examined.quality,
         verdict: examined.verdict,
         evidence: Evidence::Events(Box::new(calibration)),
+        inertial: None,
     })
 }
 

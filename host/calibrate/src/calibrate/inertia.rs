@@ -1,16 +1,31 @@
 //! Calibration of the IMU, after the camera.
 
+use std::convert::Infallible;
 use std::path::PathBuf;
 
+use evcal_core::camera::MAX_PARAMETERS;
+use evcal_core::sensor::Sensor;
+
 use super::calibrated::{Calibrated, Evidence};
+use crate::calibrate::solves::joint_solve::{stage_settings, trajectory_settings};
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
 use crate::inertial::settings::InertialSettings;
 use crate::inertial::stream::ReadSamples;
 use crate::inertial::units::MessageUnits;
 use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
+use crate::picture_calibration::calibration::PictureCalibration;
+use crate::task::Task;
 use crate::task::input::Input;
+use evcal_geometry::board::shape::BoardShape;
+use evcal_solve::initial::InitialModel;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
+use evcal_solve::solve::refinement::{
+    FIRST_SIGMA, Refined, RefinementError, RefinementInput, SMALLEST_POINT_SIGMA, refine,
+};
+use evcal_solve::solve::rows::event_bias::unknown;
+use evcal_solve::solve::{BOARD_PARAMETERS, State};
+use evcal_solve::trajectory::first::first_trajectories;
 use event_recordings::{Recording, ros};
 
 /// Request for the calibration of an IMU, with prior knowledge.
@@ -24,21 +39,53 @@ pub struct InertialRequest {
     pub settings: InertialSettings,
 }
 
-/// Calibrates the IMU of `inputs`, from which `calibrated` was made. The camera's intrinsics are estimated too, unless they are
-/// fixed (`fixed`).
+/// Calibrates the IMU of the inputs of `task`, from which `calibrated` was made. The camera's intrinsics are estimated too, unless
+/// they are fixed (`fixed`).
 ///
 /// # Errors
 /// [`InertialError`] names the problem and the remedy; the calibration of the camera is not affected.
 pub fn calibrate_inertial(
+    task: &Task,
     calibrated: &Calibrated,
-    inputs: &[Input],
     request: &InertialRequest,
     fixed: Option<&FixedIntrinsics>,
 ) -> Result<InertialCalibration, InertialError> {
-    let Evidence::Events(events) = &calibrated.evidence else { return Err(InertialError::NoTrajectory) };
-    let recorded = recorded_samples(inputs, &calibrated.starts, request)?;
-    let found = calibrate_unit(recorded, &events.refined, &calibrated.quality.uncertainty, fixed, &request.settings);
+    let recorded = recorded_samples(task.inputs, &calibrated.starts, request)?;
+    let of_pictures;
+    let refined = match &calibrated.evidence {
+        Evidence::Events(events) => &events.refined,
+        Evidence::Pictures(pictures) => {
+            of_pictures = along_pictures(task, pictures, calibrated.sensor)?;
+            &of_pictures
+        }
+    };
+    let found = calibrate_unit(recorded, refined, &calibrated.quality.uncertainty, fixed, &request.settings);
     found.map_err(|error| if request.file.is_none() { error.of_recording() } else { error })
+}
+
+/// Solves the trajectories through the poses of `pictures` from the points in them.
+fn along_pictures(task: &Task, pictures: &PictureCalibration, sensor: Sensor) -> Result<Refined, InertialError> {
+    let settings = task.settings;
+    let initial = InitialModel::of_frames(pictures.camera, pictures.posed.clone());
+    let first = first_trajectories(&initial, &pictures.frames, trajectory_settings(settings))?;
+    let input = RefinementInput::<Infallible> {
+        board: task.board,
+        sensor,
+        events: None,
+        points: first.points,
+        point_sigma: pictures.spread.max(SMALLEST_POINT_SIGMA),
+        anchors: &[],
+        left_out: &[],
+        free_board: [false; BOARD_PARAMETERS],
+        fixed: [false; MAX_PARAMETERS],
+    };
+    let board = BoardShape::nominal(task.board);
+    let state = State { camera: pictures.camera, board, bias: unknown(FIRST_SIGMA), trajectories: first.trajectories };
+    match refine(&input, state, stage_settings(settings), |_, _| Ok(())) {
+        Ok(refined) => Ok(refined),
+        Err(RefinementError::Solve(error)) => Err(error.into()),
+        Err(RefinementError::Read(never)) => match never {},
+    }
 }
 
 /// Returns `true` for recordings of ROS messages, whose drivers choose the units of IMU samples.

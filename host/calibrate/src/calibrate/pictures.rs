@@ -2,6 +2,7 @@
 
 use evcal_core::camera::{Camera, ModelKind};
 use evcal_core::sensor::Sensor;
+use nalgebra::DVector;
 
 use super::calibrated::{Calibrated, Evidence};
 use super::detected::common_sensor;
@@ -13,11 +14,12 @@ use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureReport, PictureSource, calibrate_pictures,
 };
 use crate::picture_calibration::joint::{JointPoints, joint_points};
+use crate::picture_calibration::uneven_board::{UnevenBoard, uneven_board};
 use crate::quality::cross_check::{CrossCheckOutcome, FailedCrossCheck, NoCrossCheck, cross_check_pictures};
 use crate::quality::examine_pictures;
 use crate::quality::uncertainty::Uncertainty;
 use crate::quality::uncertainty::projection::projection_uncertainty;
-use crate::quality::verdict::verdict;
+use crate::quality::verdict::{Cause, Finding, Severity, verdict};
 use crate::task::PictureUse;
 use crate::task::Task;
 use crate::task::error::CalibrateError;
@@ -167,6 +169,9 @@ const FEWEST_PASSES: usize = 3;
 /// shifts corners alike in all pictures, so the scatter between pictures does not show what is left of it. It becomes
 /// about ten times smaller with each pass.
 const LEAST_CHANGE: f64 = 0.2;
+
+/// The change of the lens by a board that is not as described, over the uncertainty, from which on it is no chance.
+const UNEVEN: f64 = 3.0;
 
 /// Calibrates from `seen` alone; `None` if the recordings contain no frames.
 ///
@@ -362,11 +367,43 @@ pub(super) fn calibrate_seen(
         }
     }
     progress.go_on()?;
-    let quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
-    let findings = Vec::from_iter(orientation::finding_on(task.board, sensor));
+    let mut quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
+    let mut findings = Vec::from_iter(orientation::finding_on(task.board, sensor));
+    if let Some(finding) = take_uneven_board(task, &mut calibration, sensor, quality.projection.rms) {
+        findings.push(finding);
+        quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
+    }
     let verdict = verdict(&calibration.camera, &quality, None, task.board, sensor, findings, &task.settings.verdict);
     let evidence = Evidence::Pictures(Box::new(calibration));
-    Ok(Calibrated { sensor, starts, recordings, model_choice, quality, verdict, evidence })
+    Ok(Calibrated { sensor, starts, recordings, model_choice, quality, verdict, evidence, inertial: None })
+}
+
+/// If the board of `calibration` is not as it is described, adds what this does to the lens to its covariance, and returns the
+/// finding. `expected` is the uncertainty of the projection without it (px).
+fn take_uneven_board(
+    task: &Task,
+    calibration: &mut PictureCalibration,
+    sensor: Sensor,
+    expected: f64,
+) -> Option<Finding> {
+    let UnevenBoard { camera, farthest } =
+        uneven_board(calibration, task.board, sensor, &task.parameters.fixed_intrinsics)?;
+    let change = projection_difference(&calibration.camera, &camera, sensor).ok()?.rms;
+    if change < UNEVEN * expected {
+        return None;
+    }
+    let [from, to] = [&calibration.camera, &camera].map(Camera::parameters);
+    let difference = DVector::from_column_slice(&to) - DVector::from_column_slice(&from);
+    calibration.covariance += &difference * difference.transpose();
+    Some(Finding {
+        cause: Cause::UnevenBoard,
+        severity: Severity::Warning,
+        reason: format!(
+            "the board is not as described: its points are up to {:.2} mm from their places, which changes the projection by {change:.3} px",
+            1e3 * farthest
+        ),
+        advice: "is it flat, and are its lengths right? A calibration from events estimates a smooth bend".into(),
+    })
 }
 
 /// Returns the contents of recording `number`: pictures with the board, up to the end of the last.

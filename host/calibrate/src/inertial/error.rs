@@ -5,6 +5,7 @@ use evcal_files::remedies;
 use evcal_files::remedy::Words;
 use evcal_solve::solve::SolveError;
 use evcal_solve::trajectory::alignment::AlignmentError;
+use evcal_solve::trajectory::first::FirstTrajectoryError;
 use event_recordings::RecordingError;
 
 /// The likely unit of readings, for messages.
@@ -28,9 +29,9 @@ pub enum InertialError {
     /// A file of samples could not be read.
     #[error("{0}")]
     Csv(#[from] CsvError),
-    /// The camera was calibrated from pictures, each with a separate pose.
-    #[error("an IMU is calibrated along trajectories, and frames alone have none: calibrate from events")]
-    NoTrajectory,
+    /// The poses of the pictures from which the camera was calibrated form no trajectory.
+    #[error("an IMU is calibrated along trajectories: {0}")]
+    NoTrajectory(#[from] FirstTrajectoryError),
     /// One file of samples cannot belong to several recordings.
     #[error("a file of IMU samples belongs to one recording: calibrate with one recording")]
     SeveralRecordings,
@@ -173,7 +174,6 @@ pub enum InertialError {
 
 remedies! { InertialError, say;
     Self::Recording(error) => error.remedy(say);
-    Self::NoTrajectory => "leave out {}", say.frames_only?;
     Self::NoSamples { .. } => "record with the IMU enabled, or give its samples with {}", say.imu_file?;
     Self::OneTime { .. } | Self::Lacks { .. } => "write them to a CSV file, and give it with {}", say.imu_file?;
     Self::UnitsOfFormat { .. } => "leave out {}", say.imu_units?;

@@ -113,6 +113,8 @@ pub enum Cause {
     LensChanged,
     /// The board changed within the recordings.
     BoardChanged,
+    /// The points of the board in pictures are not where its description has them.
+    UnevenBoard,
     /// Edges appear twice: the events of two cameras were merged.
     DoubleEdges,
     /// Most events were lost at random.
@@ -287,10 +289,11 @@ pub fn verdict(
     Verdict::new(camera, quality, findings)
 }
 
-/// If the lens or the board changed, this is the cause of an uncertain projection, of residuals and of halves that differ, whatever is
+/// If the lens or the board changed, or the board of pictures is not as described, this is the cause of an uncertain projection, of residuals and of halves that differ, whatever is
 /// recorded: their severity passes to the change, and the others are removed.
 fn name_the_change(findings: &mut Vec<Finding>) {
-    let is_change = |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged);
+    let is_change =
+        |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged | Cause::UnevenBoard);
     let follows =
         |finding: &Finding| matches!(finding.cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);
     let of_consequences = findings.iter().filter(|finding| follows(finding)).map(|finding| finding.severity).max();

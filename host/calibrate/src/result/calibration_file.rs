@@ -423,7 +423,7 @@ impl CalibrationFile {
             chosen_seconds: events.and_then(|events| events.choice.clone()),
             frames: FramesResult::new(calibrated),
             joint_frames: events.and_then(|events| events.joint.clone()),
-            inertial: events.and_then(|events| events.inertial.as_ref()).map(InertialResult::new),
+            inertial: calibrated.inertial.as_ref().map(InertialResult::new),
             second_cameras: events
                 .map_or_else(Vec::new, |events| events.second_cameras.iter().map(SecondCameraResult::new).collect()),
             stages: StageReports::new(calibrated),

@@ -1,6 +1,7 @@
 //! Verdicts on calibrated devices other than the camera: an IMU, other cameras.
 
-use crate::calibrate::calibrated::{Calibrated, EventCalibration, Evidence};
+use crate::calibrate::calibrated::{Calibrated, EventCalibration};
+use crate::inertial::calibration::InertialCalibration;
 use crate::quality::verdict::Grade;
 use crate::result::inertial_result::InertialResult;
 use crate::result::second_camera_result::SecondCameraResult;
@@ -18,8 +19,8 @@ pub struct DeviceVerdict {
 
 /// Returns the verdicts on all other calibrated devices.
 pub fn device_verdicts(calibrated: &Calibrated) -> Vec<DeviceVerdict> {
-    let Evidence::Events(events) = &calibrated.evidence else { return Vec::new() };
-    of_unit(events).into_iter().chain(of_cameras(events)).collect()
+    let unit = calibrated.inertial.as_ref().map(of_unit);
+    unit.into_iter().chain(calibrated.events().into_iter().flat_map(of_cameras)).collect()
 }
 
 /// Returns the worst grade of the camera and all other calibrated devices.
@@ -28,9 +29,9 @@ pub fn worst_grade(calibrated: &Calibrated) -> Grade {
     others.fold(calibrated.verdict.grade, Grade::max)
 }
 
-fn of_unit(events: &EventCalibration) -> Option<DeviceVerdict> {
-    let InertialResult { grade, verdict, .. } = InertialResult::new(events.inertial.as_ref()?);
-    Some(DeviceVerdict { about: "IMU".to_owned(), grade, sentence: verdict })
+fn of_unit(inertial: &InertialCalibration) -> DeviceVerdict {
+    let InertialResult { grade, verdict, .. } = InertialResult::new(inertial);
+    DeviceVerdict { about: "IMU".to_owned(), grade, sentence: verdict }
 }
 
 fn of_cameras(events: &EventCalibration) -> impl Iterator<Item = DeviceVerdict> {

@@ -58,7 +58,7 @@ remedies! { BoardChoiceError, say;
     Self::Other { found, .. } => found.remedy(say);
     Self::NoEvents => "for example {}", say.board.with("acircles:9x4:55mm:r17.5mm");
     Self::NotRecognised { .. } => "describe the board with {}{}", say.board,
-        say.board_help.map(|help| format!(": {help} lists all kinds")).unwrap_or_default();
+        say.board_help.map_or(", for example checkerboard:6x9:25mm".to_owned(), |help| format!(": {help} lists all kinds"));
     Self::SizeUnknown { found } => "for example {}", say.board.with(found.example());
     Self::WrongRatio(ratio) => "use {}", say.board.with(ratio.board);
 }

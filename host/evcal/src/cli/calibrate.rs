@@ -154,7 +154,7 @@ pub struct CalibrationArguments {
     verbose: bool,
     /// Calibrate from frames only, as ordinary image calibration does: the camera's own, a folder of images, a bag of images, or the
     /// points of a circle track, each frame with its own pose
-    #[arg(long, conflicts_with_all = ["joint_frames", "imu"])]
+    #[arg(long, conflicts_with = "joint_frames")]
     frames_only: bool,
     /// Solve for events and the camera's own frames jointly
     #[arg(long)]

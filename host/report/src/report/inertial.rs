@@ -25,7 +25,7 @@ const MILLI_G: f64 = 1e3 / STANDARD_GRAVITY;
 
 /// Returns the parameters as a table next to a drawing, and the residuals of both sensors, folded.
 pub fn section(calibrated: &Calibrated) -> Option<Section> {
-    let inertial = calibrated.events()?.inertial.as_ref()?;
+    let inertial = calibrated.inertial.as_ref()?;
     let result = InertialResult::new(inertial);
     let content = html! {
         p {

@@ -137,7 +137,7 @@ fn chosen(choice: &ModelChoice) -> Markup {
         details {
         summary { "Choice of the camera model: " (choice.chosen) }
         p {
-            code { (choice.chosen) } " has the fewest parameters of the models that predict circles of other frames as well as the best one"
+            code { (choice.chosen) } " has the fewest parameters of the models that predict points of other frames as well as the best one"
             @if is_nearly { ", or nearly as well" }
             @if WIDELY_SUPPORTED.iter().any(|kind| kind.name() == choice.chosen) { ", among the models that OpenCV and ROS support" }
             "."

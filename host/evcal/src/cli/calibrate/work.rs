@@ -172,7 +172,7 @@ impl Work<'_> {
                 return Err(Failure::of_calibration(&error, written));
             }
         };
-        let inertial = self.add_inertial(&mut calibrated, &mut waiting);
+        let inertial = self.add_inertial(&mut calibrated, &task, &mut waiting);
         let others = self.add_others(&mut calibrated, &task, &mut waiting);
         waiting.stage("results", None);
         let written = write_folder(folder, &calibrated, &task, &mut |step| waiting.stage(step.text, step.done))?;
@@ -223,15 +223,20 @@ fn in_words(failed: &[NotCalibrated]) -> String {
 
 impl Work<'_> {
     /// Calibrates the IMU, if this is requested, and adds it to the camera.
-    fn add_inertial(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Result<(), NotCalibrated> {
-        let added = self.add_imu(calibrated, waiting);
+    fn add_inertial(
+        &self,
+        calibrated: &mut Calibrated,
+        task: &Task,
+        waiting: &mut Waiting,
+    ) -> Result<(), NotCalibrated> {
+        let added = self.add_imu(calibrated, task, waiting);
         added.map_err(|reason| NotCalibrated { what: "the IMU".to_owned(), reason })
     }
 
-    fn add_imu(&self, calibrated: &mut Calibrated, waiting: &mut Waiting) -> Outcome {
+    fn add_imu(&self, calibrated: &mut Calibrated, task: &Task, waiting: &mut Waiting) -> Outcome {
         let Some(request) = self.arguments.inertial_request() else { return Ok(()) };
         waiting.stage("IMU", None);
-        let found = calibrate_inertial(calibrated, &self.inputs, &request, self.fixed_of_first(calibrated)?);
+        let found = calibrate_inertial(task, calibrated, &request, self.fixed_of_first(calibrated)?);
         Ok(calibrated.add_inertial(found)?)
     }
 
