@@ -311,7 +311,7 @@ impl CircleTarget<'_> {
         }
         let is_at_rest = self.made_of == MadeOf::Events;
         let spots = spots.iter().filter(|(_, dot)| is_at_rest || dot.is_ok());
-        let (candidates, dots): (Vec<GridCandidate<f32>>, Vec<Option<(&DarkSpot, &Dot)>>) = spots
+        let (candidates, dots): (Vec<GridCandidate<f32>>, Vec<_>) = spots
             .map(|(spot, dot)| {
                 let dot = dot.as_ref().ok();
                 let (center, radius) = dot.map_or((spot.center, spot.radius()), |dot| (dot.center, dot.radius));
