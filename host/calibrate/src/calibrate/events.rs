@@ -129,6 +129,6 @@ fn first_input<'a>(
 }
 
 /// Returns the start of the joint solve: the nominal board, and unknown biases of the events.
-fn first_state(task: &Task, camera: Camera<f64>, trajectories: Vec<Trajectory>) -> State {
+pub(super) fn first_state(task: &Task, camera: Camera<f64>, trajectories: Vec<Trajectory>) -> State {
     State { camera, board: BoardShape::nominal(task.board), bias: unknown(FIRST_SIGMA), trajectories }
 }

@@ -7,6 +7,7 @@ use evcal_core::camera::MAX_PARAMETERS;
 use evcal_core::sensor::Sensor;
 
 use super::calibrated::{Calibrated, Evidence};
+use super::events::first_state;
 use crate::calibrate::solves::joint_solve::{stage_settings, trajectory_settings};
 use crate::inertial::calibration::InertialCalibration;
 use crate::inertial::error::InertialError;
@@ -17,14 +18,10 @@ use crate::inertial::{RecordedSamples, calibrate_unit, csv, stream};
 use crate::picture_calibration::calibration::PictureCalibration;
 use crate::task::Task;
 use crate::task::input::Input;
-use evcal_geometry::board::shape::BoardShape;
 use evcal_solve::initial::InitialModel;
+use evcal_solve::solve::BOARD_PARAMETERS;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
-use evcal_solve::solve::refinement::{
-    FIRST_SIGMA, Refined, RefinementError, RefinementInput, SMALLEST_POINT_SIGMA, refine,
-};
-use evcal_solve::solve::rows::event_bias::unknown;
-use evcal_solve::solve::{BOARD_PARAMETERS, State};
+use evcal_solve::solve::refinement::{Refined, RefinementError, RefinementInput, SMALLEST_POINT_SIGMA, refine};
 use evcal_solve::trajectory::first::first_trajectories;
 use event_recordings::{Recording, ros};
 
@@ -79,8 +76,7 @@ fn along_pictures(task: &Task, pictures: &PictureCalibration, sensor: Sensor) ->
         free_board: [false; BOARD_PARAMETERS],
         fixed: [false; MAX_PARAMETERS],
     };
-    let board = BoardShape::nominal(task.board);
-    let state = State { camera: pictures.camera, board, bias: unknown(FIRST_SIGMA), trajectories: first.trajectories };
+    let state = first_state(task, pictures.camera, first.trajectories);
     match refine(&input, state, stage_settings(settings), |_, _| Ok(())) {
         Ok(refined) => Ok(refined),
         Err(RefinementError::Solve(error)) => Err(error.into()),
