@@ -46,7 +46,7 @@ struct CalibrationJob {
     others: Vec<Input>,
     rolling_shutter: bool,
     inertial: Option<InertialRequest>,
-    board: Board,
+    confirmed: ConfirmedBoard,
     model: ModelRequest,
     sensor: Option<Sensor>,
     pictures: PictureUse,
@@ -55,13 +55,21 @@ struct CalibrationJob {
 
 impl CalibrationJob {
     fn task(&self) -> Task<'_> {
-        let Self { inputs, board, model, sensor, settings, .. } = self;
+        let Self { inputs, confirmed, model, sensor, settings, .. } = self;
         // If another camera's pictures are in a file of the first camera, the pictures in that file do not belong to
         // the first.
         let taken =
             |other: &Input| matches!(other, Input::Images(_)) && inputs.iter().any(|input| input.is_of_file_of(other));
         let pictures = if self.others.iter().any(taken) { PictureUse::Ignore } else { self.pictures };
-        Task { model: *model, sensor: *sensor, pictures, settings, words: &Words::PYTHON, ..Task::new(inputs, board) }
+        Task {
+            board_finding: confirmed.finding.as_ref(),
+            model: *model,
+            sensor: *sensor,
+            pictures,
+            settings,
+            words: &Words::PYTHON,
+            ..Task::new(inputs, &confirmed.board)
+        }
     }
 
     /// Calibrates the camera, and the IMU and other cameras if requested. Also returns the names of the devices that
@@ -101,7 +109,7 @@ impl CalibrationJob {
         let second =
             calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| error.advised(&Words::PYTHON))?;
         let _ = on_progress(Step { text: "both cameras", done: None });
-        let found = calibrate_against_first(first, &second, other, self.rolling_shutter, &self.board, [None, None]);
+        let found = calibrate_against_first(first, &second, other, self.rolling_shutter, &self.confirmed.board, [None, None]);
         first.add_second(found).map_err(|error| error.advised(&Words::PYTHON))
     }
 }
@@ -121,12 +129,12 @@ impl Calibration {
     }
 
     pub fn file(&self) -> CalibrationFile {
-        CalibrationFile::new(&self.calibrated, &self.job.board, &Words::PYTHON)
+        CalibrationFile::new(&self.calibrated, &self.job.confirmed.board, &Words::PYTHON)
     }
 
     /// Returns the camera as `compare` and `export` need it.
     pub fn known(&self) -> CalibratedCamera {
-        CalibratedCamera::new(&self.calibrated, &self.job.board)
+        CalibratedCamera::new(&self.calibrated, &self.job.confirmed.board)
     }
 }
 
@@ -316,7 +324,7 @@ fn inputs_and_board(
     request: &BoardRequest,
     pictures: PictureUse,
     settings: &Settings,
-) -> PyResult<(Vec<Input>, Board)> {
+) -> PyResult<(Vec<Input>, ConfirmedBoard)> {
     if let BoardRequest::Given(stated) = request {
         let inputs = inputs_of(given, options, stated, pictures)?;
         let recordings = inputs.iter().filter_map(|input| match input {
@@ -324,14 +332,17 @@ fn inputs_and_board(
             Input::Images(_) | Input::Circles { .. } => None,
         });
         let recordings: Vec<&Recording> = recordings.collect();
-        let confirmed = given.py().detach(|| confirm_board(stated, &recordings, &settings.detection));
-        let ConfirmedBoard { board, note } = confirmed.map_err(failed)?;
-        if let Some(note) = note {
-            warn(given.py(), &note)?;
+        let confirmed = given.py().detach(|| confirm_board(stated, &recordings, pictures, &settings.detection));
+        let confirmed = confirmed.map_err(failed)?;
+        if let Some(finding) = &confirmed.finding {
+            warn(given.py(), &finding.reason)?;
         }
         // Files of circles depend on the board.
-        let inputs = if board == *stated { inputs } else { inputs_of(given, options, &board, pictures)? };
-        return Ok((inputs, board));
+        let inputs = match confirmed.board == *stated {
+            true => inputs,
+            false => inputs_of(given, options, &confirmed.board, pictures)?,
+        };
+        return Ok((inputs, confirmed));
     }
     // No board is known yet, so the inputs are opened with an arbitrary one. Recordings of events do not depend on it.
     // Files of circles do, but no board can be recognised in them anyway.
@@ -345,7 +356,7 @@ fn inputs_and_board(
     });
     let recordings = recordings.collect::<PyResult<Vec<&Recording>>>()?;
     let board = given.py().detach(|| choose_board(request, &recordings, &settings.detection)).map_err(failed)?;
-    Ok((inputs, board))
+    Ok((inputs, board.into()))
 }
 
 /// Reads the settings in `file`; without a file, returns the default ones.
@@ -423,17 +434,17 @@ pub fn calibrate(
     let options_of_others = ReadOptions { sensor: with_sensor.or(sensor), stream: with_stream, ..options.clone() };
     let settings = settings_of(settings)?;
     let pictures = picture_use(frames)?;
-    let (inputs, board) = inputs_and_board(events, &options, &request, pictures, &settings)?;
+    let (inputs, confirmed) = inputs_and_board(events, &options, &request, pictures, &settings)?;
     let others = with_.map_or_else(
         || Ok(Vec::new()),
-        |given| several(given).iter().map(|one| other_input(one, &options_of_others, &board)).collect(),
+        |given| several(given).iter().map(|one| other_input(one, &options_of_others, &confirmed.board)).collect(),
     )?;
     let job = CalibrationJob {
         inputs: Input::join(inputs),
         others,
         rolling_shutter,
         inertial: imu.map_or(Ok(None), |imu| inertial_request(imu, gravity))?,
-        board,
+        confirmed,
         model: model_request(model)?,
         sensor: options.options()?.sensor,
         pictures,

@@ -4,7 +4,7 @@ use evcal_calibrate::calibrate::repeat::RepeatSettings;
 use evcal_calibrate::result::calibrated_camera::CalibratedCamera;
 use evcal_calibrate::result::same_camera::compare_cameras;
 use evcal_calibrate::settings::Settings;
-use evcal_calibrate::task::board_choice::{BoardChoiceError, ConfirmedBoard, choose_board, confirm_board};
+use evcal_calibrate::task::board_choice::{BoardChoiceError, choose_board, confirm_board};
 use evcal_calibrate::task::{PictureUse, Task};
 use evcal_files::remedy::Words;
 use evcal_geometry::board::Board;
@@ -49,25 +49,25 @@ pub fn check<'py>(
     let recording = recording_of(events, &ReadOptions { sensor, columns, time_unit, stream })?;
     let settings = settings_of(settings)?;
     let request = board.map(board_request).transpose()?;
-    let (checked, note) = interruptible(py, |_| {
+    let (checked, finding) = interruptible(py, |_| {
         let confirmed = match &request {
             // Without lengths the board is recognised in the check, and its advice names the lengths to measure.
             None | Some(BoardRequest::Recognise(PrintSize::Unknown)) => None,
             Some(request) => {
                 let board = board_in(request, &recording, &settings)?;
-                match confirm_board(&board, &[&recording], &settings.detection) {
+                match confirm_board(&board, &[&recording], PictureUse::default(), &settings.detection) {
                     // The result of the check describes another board.
-                    Err(BoardChoiceError::Other { .. }) => Some(ConfirmedBoard { board, note: None }),
+                    Err(BoardChoiceError::Other { .. }) => Some(board.into()),
                     confirmed => Some(confirmed.map_err(failed)?),
                 }
             }
         };
-        let board = confirmed.as_ref().map(|confirmed| &confirmed.board);
-        let checked = evcal_calibrate::check::check(&recording, board, &settings.detection, &settings.frames);
-        Ok::<_, PyErr>((checked.map_err(failed)?, confirmed.and_then(|confirmed| confirmed.note)))
+        let checked =
+            evcal_calibrate::check::check(&recording, confirmed.as_ref(), &settings.detection, &settings.frames);
+        Ok::<_, PyErr>((checked.map_err(failed)?, confirmed.and_then(|confirmed| confirmed.finding)))
     })??;
-    if let Some(note) = note {
-        warn(py, &note)?;
+    if let Some(finding) = finding {
+        warn(py, &finding.reason)?;
     }
     let result = to_python(py, serde_json::to_string(&checked))?;
     result.set_item("next", checked.next.worded(&Words::PYTHON))?;

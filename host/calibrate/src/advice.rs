@@ -7,7 +7,7 @@ use evcal_core::camera::ModelKind;
 use evcal_core::event::Polarity;
 use evcal_core::sensor::Sensor;
 use evcal_files::remedy::{Remedy, Words};
-use evcal_geometry::board::CircleBoard;
+use evcal_geometry::board::{CircleBoard, SquareBoard};
 use event_recordings::likely_sensor::add_sensor;
 use event_recordings::{RecordingOptions, TimeUnit};
 
@@ -26,6 +26,8 @@ pub enum Advice {
     TakeModel(ModelKind),
     /// Calibrate again with this board, of which the nominal board is a part.
     TakeWholeBoard(CircleBoard),
+    /// State this board, which the recording shows.
+    StateBoard(SquareBoard),
     /// Count rows and columns of the board.
     CountRows,
     /// Check that the lens is clean and the board is not wavy; bend and print of the board are estimated already,
@@ -106,6 +108,7 @@ impl Advice {
                 "calibrate again with {}, which uses more of the recording; the lens is correct within the reported uncertainty",
                 board.with(whole)
             ),
+            Self::StateBoard(shown) => format!("measure the print, and use {} if it is right", board.with(shown)),
             Self::CountRows => format!(
                 "count rows and columns of the board: {board} has more than the board, or a part of the board was never in view"
             ),
@@ -149,8 +152,8 @@ impl Advice {
                 "no board was recognised: describe it with {board}, for example acircles:9x4:55mm:r17.5mm or checkerboard:6x9:25mm"
             ),
             Self::Measure(found) => {
-                let measure = found.to_measure();
-                format!("the board is {found}: {measure}, for example {}", board.with(found.example()))
+                let example = found.remedy(say).map_or(String::new(), |example| format!(", {example}"));
+                format!("the board is {found}: {}{example}", found.to_do())
             }
             Self::FindBoard(error) => error.advised(say),
             Self::CorrectRadius(error) => error.advised(say),

@@ -15,6 +15,7 @@ use serde::{Serialize, Serializer};
 use self::advice::next_step;
 use self::units::{OtherUnit, other_unit, unusual_unit};
 use crate::advice::Advice;
+use crate::task::board_choice::ConfirmedBoard;
 use evcal_detection::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use evcal_detection::detection::focus::{EdgeWidth, edge_width};
 use evcal_detection::detection::pictures::settings::PictureSettings;
@@ -145,16 +146,17 @@ impl Serialize for BoardFailure {
     }
 }
 
-/// Checks parts of `recording` that are spread evenly over it: searches for `board`, or for any circles.
+/// Checks parts of `recording` that are spread evenly over it: searches for the `stated` board, or for any circles.
 ///
 /// # Errors
 /// [`RecordingError`] if no event can be read.
 pub fn check(
     recording: &Recording,
-    board: Option<&Board>,
+    stated: Option<&ConfirmedBoard>,
     settings: &DetectionSettings,
     pictures: &PictureSettings,
 ) -> Result<Checked, RecordingError> {
+    let board = stated.map(|stated| &stated.board);
     // Few events are kept, because a file that hardly contains any may take long to read.
     let (mut count, mut last, mut end_of_beginning, mut kept) = (0, 0, None, Vec::new());
     recording.source_files().check()?;
@@ -234,7 +236,8 @@ pub fn check(
         seen,
         next: "".into(),
     };
-    checked.next = next_step(&checked, recording);
+    let finding = stated.and_then(|stated| stated.finding.as_ref());
+    checked.next = next_step(&checked, finding, recording);
     Ok(checked)
 }
 
@@ -242,7 +245,11 @@ impl Checked {
     /// Returns `true` if the next step is a calibration from the recording, or, without a given board, to measure the
     /// board that was recognised.
     pub fn is_ready(&self) -> bool {
-        matches!(self.next, Advice::Calibrate { .. } | Advice::Measure(_))
+        match &self.next {
+            Advice::Calibrate { .. } => true,
+            Advice::Measure(found) => !found.is_mirrored(),
+            _ => false,
+        }
     }
 }
 

@@ -14,6 +14,7 @@ use rayon::ThreadPool;
 
 use self::input::Input;
 use self::parameter_request::ParameterRequests;
+use crate::quality::verdict::Finding;
 use crate::settings::Settings;
 use evcal_files::remedy::Words;
 use evcal_geometry::board::Board;
@@ -42,6 +43,9 @@ pub struct Task<'a> {
     pub inputs: &'a [Input],
     /// The board in front of it.
     pub board: &'a Board,
+    /// A difference between the stated board and the recordings (see
+    /// [`confirm_board`](board_choice::confirm_board)), for the verdict.
+    pub board_finding: Option<&'a Finding>,
     /// The camera model wanted.
     pub model: ModelRequest,
     /// Sensor size, for recordings that do not contain it.
@@ -71,6 +75,7 @@ impl<'a> Task<'a> {
         Self {
             inputs,
             board,
+            board_finding: None,
             model: ModelRequest::default(),
             sensor: None,
             pictures: PictureUse::default(),

@@ -5,6 +5,7 @@
 //! 2. Otherwise it is a checkerboard, if its ends are in view.
 //! 3. Without such a lattice the tags of all families, with a border of one or two modules, are searched one by one.
 //!    The ids and relative positions of neighbouring tags determine a grid of tags or a ChArUco board.
+//! 4. If nothing is found, or markers of no dictionary, the mirror images of the pictures are searched for tags and markers.
 //!
 //! A *moment* is a time at which one or several pictures were made. Pictures do not show lengths, so a recognised board gets an
 //! arbitrary size, [`EXAMPLE_LENGTH`].
@@ -71,6 +72,15 @@ pub struct RecognisedBoard {
     /// `true` if the light squares of a checkerboard contain something that differs from square to square: it may be a ChArUco board
     /// of an unknown dictionary.
     pub has_unknown_markers: bool,
+    /// `true` if the pictures show its mirror image.
+    pub is_mirrored: bool,
+}
+
+impl RecognisedBoard {
+    /// Creates the description of a `board` that `fitting` of `moments` show, not mirrored and without unknown markers.
+    pub fn new(board: SquareBoard, fitting: usize, moments: usize) -> Self {
+        Self { board, fitting, moments, has_unknown_markers: false, is_mirrored: false }
+    }
 }
 
 /// A tag in a picture.
@@ -91,16 +101,28 @@ struct SeenLattice<'a> {
 
 /// Recognises the board in the pictures of some moments; `None` if no board is found, or if it is ambiguous.
 pub fn recognise(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
-    recognise_corners(moments).or_else(|| recognise_tags(moments))
+    let lattices = lattices_in(moments);
+    let found = recognise_charuco(&lattices)
+        .or_else(|| recognise_checkerboard(moments, &lattices))
+        .or_else(|| recognise_tags(moments));
+    // Mirror images of markers are not in any dictionary.
+    if found.is_some_and(|found| !found.has_unknown_markers) {
+        return found;
+    }
+    let mirrored: Vec<Vec<Picture>> =
+        moments.iter().map(|pictures| pictures.iter().map(Picture::mirrored).collect()).collect();
+    let in_mirror = recognise_charuco(&lattices_in(&mirrored)).or_else(|| match found {
+        Some(_) => None,
+        None => recognise_tags(&mirrored),
+    });
+    in_mirror.map(|board| RecognisedBoard { is_mirrored: true, ..board }).or(found)
 }
 
-/// Recognises a board by the corners of its squares.
-fn recognise_corners(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
+/// Returns the lattices of corners in the pictures of each moment.
+fn lattices_in(moments: &[Vec<Picture>]) -> Vec<Vec<SeenLattice<'_>>> {
     let in_picture =
         |picture| corner_lattices(picture).into_iter().map(move |lattice| SeenLattice { picture, lattice });
-    let lattices: Vec<Vec<SeenLattice>> =
-        moments.par_iter().map(|pictures| pictures.iter().flat_map(in_picture).collect()).collect();
-    recognise_charuco(&lattices).or_else(|| recognise_checkerboard(moments, &lattices))
+    moments.par_iter().map(|pictures| pictures.iter().flat_map(in_picture).collect()).collect()
 }
 
 /// Returns the lattices of this size, without moments that have none.
@@ -122,7 +144,7 @@ fn recognise_charuco(lattices: &[Vec<SeenLattice>]) -> Option<RecognisedBoard> {
     seen.into_iter().take(MOST_SIZES).find_map(|([rows, columns], seen)| {
         let board = charuco::read_markers(&seen, Size { rows, columns })?;
         let (fitting, moments) = (seen.len(), lattices.len());
-        Some(RecognisedBoard { board: SquareBoard::Charuco(board), fitting, moments, has_unknown_markers: false })
+        Some(RecognisedBoard::new(SquareBoard::Charuco(board), fitting, moments))
     })
 }
 
@@ -158,8 +180,7 @@ fn recognise_tags(moments: &[Vec<Picture>]) -> Option<RecognisedBoard> {
             let (_, border, finder) = scored.max_by(|a, b| a.0.total_cmp(&b.0))?;
             let sightings = sightings_of(&finder, all.get_or_init(|| moments.par_iter().map(prepare).collect()));
             let board = grid::board_of(&sightings, family, border).filter(|_| sightings.len() >= FEWEST_MOMENTS)?;
-            let (fitting, moments) = (sightings.len(), moments.len());
-            Some(RecognisedBoard { board, fitting, moments, has_unknown_markers: false })
+            Some(RecognisedBoard::new(board, sightings.len(), moments.len()))
         })
     })
 }
@@ -243,8 +264,8 @@ fn recognise_checkerboard(moments: &[Vec<Picture>], lattices: &[Vec<SeenLattice>
     let has_unknown_markers = charuco::squares_differ(&of_size(lattices, size), Size { rows, columns });
     let (rows, columns) = (u8::try_from(rows).ok()?, u8::try_from(columns).ok()?);
     let board = Checkerboard { rows, columns, square: EXAMPLE_LENGTH, first: Shade::Dark };
-    let (board, moments) = (SquareBoard::Checkerboard(board), moments.len());
-    Some(RecognisedBoard { board, fitting, moments, has_unknown_markers })
+    let found = RecognisedBoard::new(SquareBoard::Checkerboard(board), fitting, moments.len());
+    Some(RecognisedBoard { has_unknown_markers, ..found })
 }
 
 #[cfg(test)]
@@ -307,6 +328,20 @@ mod tests {
             };
             assert_eq!(measured.to_string(), board.to_string());
             assert!(!found.has_unknown_markers, "{text}");
+        }
+    }
+
+    /// A mirrored ChArUco board was called a checkerboard, with which the camera is calibrated as its mirror image.
+    #[test]
+    fn mirror_images_of_tags_and_markers_are_noticed() {
+        for text in ["charuco:5x7:30mm:22mm:DICT_5X5_50", "apriltags:3x4:30mm:0.25"] {
+            let board: SquareBoard = text.parse().unwrap();
+            let (bounds, raster) = (board.bounds(), board.raster());
+            let brightness =
+                |x: f64, y: f64| if raster.is_dark_at([bounds.low[0] + bounds.high[0] - x, y]) { 0.1 } else { 0.9 };
+            let found = recognised(bounds, 1.6, brightness).unwrap_or_else(|| panic!("{text} is not recognised"));
+            assert!(found.is_mirrored, "{text}: {found:?}");
+            assert_eq!(std::mem::discriminant(&found.board), std::mem::discriminant(&board), "{text}: {found:?}");
         }
     }
 

@@ -83,7 +83,7 @@ fn mirrored_and_inverted_tags_are_named() {
     }
     let folder = tempfile::tempdir().unwrap();
     let [file, output] = ["events.csv", "output"].map(|name| folder.path().join(name));
-    for (lines, cause) in [(mirrored, "the tags are mirrored in"), (inverted, "dark and light are exchanged in")] {
+    for (lines, cause) in [(mirrored, "mirrored"), (inverted, "dark and light are exchanged in")] {
         fs::write(&file, lines).unwrap();
         let finished = evcal(&["calibrate", text(&file), "--board", SHEET, "-o", text(&output)]);
         assert_eq!(finished.code, Some(1), "{finished:?}");

@@ -19,26 +19,43 @@ fn simulated(board: &str, seed: &str) -> PathBuf {
     made(&format!("stated-board-{seed}"), &options).join("events.aedat4")
 }
 
-/// Returns the board of a calibration.
-fn calibrated(board: &str, seed: &str, stated: &str, options: &[&str]) -> String {
+/// Returns the result of a calibration from frames.
+fn calibrated(board: &str, seed: &str, stated: &str) -> serde_json::Value {
     let events = simulated(board, seed);
-    let arguments =
-        [&["calibrate", text(&events), "--board", stated, "--threads", "2", "--accept-any"], options].concat();
     let folder = tempfile::tempdir().expect("a folder");
-    let finished = evcal(&[&arguments[..], &["-o", text(&folder.path().join("result"))]].concat());
+    let output = folder.path().join("result");
+    let only = ["--frames-only", "--threads", "2", "--accept-any"];
+    let finished = evcal(&[&["calibrate", text(&events), "--board", stated, "-o", text(&output)][..], &only].concat());
     assert_eq!(finished.code, Some(0), "{}", finished.stderr);
-    let result = read_json(&folder.path().join("result/calibration.json"));
-    result["board"].as_str().expect("a board").to_owned()
+    read_json(&output.join("calibration.json"))
 }
 
 /// The board in view used to be refused as another one, or, with a wrong layout or first id, the trajectory was one square off.
 #[test]
 fn a_check_and_calibrations_from_frames_use_the_board_in_view() {
     for (board, seed, stated) in STATED {
-        assert_eq!(calibrated(board, seed, stated, &["--frames-only"]), board, "frames of {board}");
+        assert_eq!(calibrated(board, seed, stated)["board"], board, "frames of {board}");
         let events = simulated(board, seed);
         let checked = evcal(&["check", text(&events), "--board", stated]);
         assert!(checked.stderr.contains(&format!("shows the board {board}, not {stated}: ")), "{board}: {checked:?}");
         assert!(checked.stdout.contains(&format!("{board} seen in")), "{board}: {checked:?}");
     }
+}
+
+/// No corner was found in frames, and the advice was to record longer.
+#[test]
+fn markers_have_the_size_that_frames_show() {
+    let [.., (board, seed, _)] = STATED;
+    assert_eq!(calibrated(board, seed, "charuco:6x5:50mm:30mm:DICT_4X4_100:legacy")["board"], board);
+}
+
+/// The difference was a line on standard error, and the verdict blamed the residuals that it caused on the lens.
+#[test]
+fn a_gap_that_is_not_the_printed_one_is_in_the_verdict() {
+    let [(board, seed, _), ..] = STATED;
+    let verdict = &calibrated(board, seed, "aprilgrid:4x5:45mm:0.25:turned180")["verdict"];
+    let findings = verdict["findings"].as_array().expect("findings");
+    let finding = findings.iter().find(|finding| finding["cause"] == "lengths-disagree").expect("a finding");
+    assert!(finding["advice"].as_str().is_some_and(|advice| advice.contains(board)), "{finding:#}");
+    assert_ne!(verdict["grade"], "good");
 }

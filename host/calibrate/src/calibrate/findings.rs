@@ -105,6 +105,7 @@ fn findings(
             .map(|(larger, board)| unstated_rows::finding_on(&larger, board, &state.camera, &state.trajectories)),
     );
     findings.extend(cross_check.as_ref().and_then(CrossCheckOutcome::finding));
+    findings.extend(task.board_finding.cloned());
     findings.extend(orientation::finding_on(task.board, seen.sensor));
     (findings, cross_check)
 }

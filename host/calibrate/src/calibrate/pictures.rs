@@ -369,6 +369,7 @@ pub(super) fn calibrate_seen(
     progress.go_on()?;
     let mut quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
     let mut findings = Vec::from_iter(orientation::finding_on(task.board, sensor));
+    findings.extend(task.board_finding.cloned());
     if let Some(finding) = take_uneven_board(task, &mut calibration, sensor, quality.projection.rms) {
         findings.push(finding);
         quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;

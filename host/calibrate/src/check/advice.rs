@@ -18,8 +18,8 @@ const ENOUGH: f64 = 0.3;
 /// Shortest useful recording (s).
 const SHORT: f64 = 2.0;
 
-/// Returns the most important advice on this recording.
-pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
+/// Returns the most important advice on this recording; `of_board` is what is known about the stated board.
+pub fn next_step(checked: &Checked, of_board: Option<&Finding>, recording: &Recording) -> Advice {
     let information = &checked.information;
     if let Some(error) = &information.error {
         return Advice::Plain(format!("the recording is damaged, {error}"));
@@ -76,7 +76,10 @@ pub fn next_step(checked: &Checked, recording: &Recording) -> Advice {
     }
     match &checked.seen {
         None => "the sensor is larger than evcal supports".into(),
-        Some(seen) => next_of_board(checked, seen, recording),
+        Some(seen) => match (next_of_board(checked, seen, recording), of_board) {
+            (Advice::Calibrate { .. }, Some(finding)) if finding.severity > Severity::Note => finding.clone().into(),
+            (next, _) => next,
+        },
     }
 }
 

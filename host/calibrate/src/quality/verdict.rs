@@ -81,6 +81,8 @@ pub enum Cause {
     Uncovered,
     /// The circles are larger or smaller than nominal, relative to the spacing.
     RadiusDisagrees,
+    /// The gap between the tags of a board, or the side of its markers, does not fit its first length.
+    LengthsDisagree,
     /// The board is bent, or its print differs from the nominal one; both were estimated.
     BoardNotAsStated,
     /// fx and fy differ.
@@ -289,11 +291,13 @@ pub fn verdict(
     Verdict::new(camera, quality, findings)
 }
 
-/// If the lens or the board changed, or the board of pictures is not as described, this is the cause of an uncertain projection, of residuals and of halves that differ, whatever is
-/// recorded: their severity passes to the change, and the others are removed.
+/// If the lens or the board changed, or the board is not as described, this is the cause of an uncertain projection, of residuals
+/// and of halves that differ, whatever is recorded: their severity passes to the change, and the others are removed.
 fn name_the_change(findings: &mut Vec<Finding>) {
-    let is_change =
-        |finding: &Finding| matches!(finding.cause, Cause::LensChanged | Cause::BoardChanged | Cause::UnevenBoard);
+    let is_change = |finding: &Finding| {
+        let is_of_board = matches!(finding.cause, Cause::BoardChanged | Cause::UnevenBoard | Cause::LengthsDisagree);
+        (is_of_board || finding.cause == Cause::LensChanged) && finding.severity > Severity::Note
+    };
     let follows =
         |finding: &Finding| matches!(finding.cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);
     let of_consequences = findings.iter().filter(|finding| follows(finding)).map(|finding| finding.severity).max();
@@ -377,9 +381,11 @@ mod tests {
             findings.iter().map(|finding| (finding.cause, finding.severity)).collect::<Vec<_>>(),
             [(Cause::LensChanged, Severity::Failure), (Cause::Short, Severity::Warning)]
         );
-        let mut others = vec![uncertain, short];
+        // A wrong size of markers, which is a note, changes nothing.
+        let markers = finding(Cause::LengthsDisagree, Severity::Note, "markers");
+        let mut others = vec![uncertain, short, markers];
         name_the_change(&mut others);
-        assert_eq!(others.len(), 2);
+        assert_eq!(others.len(), 3);
     }
 
     #[test]

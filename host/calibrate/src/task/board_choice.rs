@@ -1,6 +1,9 @@
 //! The board of a calibration: named by the user, or recognised in the recordings.
 
+use super::PictureUse;
 use super::input::Input;
+use crate::advice::Advice;
+use crate::quality::verdict::{Cause, Finding, Severity};
 use evcal_core::sensor::Sensor;
 use evcal_detection::detection::recognition::layout::{RecognisedLayout, find_layout};
 use evcal_detection::detection::recognition::other_board::OtherReading;
@@ -35,8 +38,14 @@ pub enum BoardChoiceError {
         file: String,
     },
     /// The layout is known, the size is not.
-    #[error("the board is {found}, but events do not determine its size: {}", .found.to_measure())]
+    #[error("the board is {found}, but events do not determine its size: {}", .found.to_do())]
     SizeUnknown {
+        /// The board.
+        found: Recognised,
+    },
+    /// The board is mirrored.
+    #[error("the board is {found}: {}", .found.to_do())]
+    Mirrored {
         /// The board.
         found: Recognised,
     },
@@ -59,7 +68,7 @@ remedies! { BoardChoiceError, say;
     Self::NoEvents => "for example {}", say.board.with("acircles:9x4:55mm:r17.5mm");
     Self::NotRecognised { .. } => "describe the board with {}{}", say.board,
         say.board_help.map_or(", for example checkerboard:6x9:25mm".to_owned(), |help| format!(": {help} lists all kinds"));
-    Self::SizeUnknown { found } => "for example {}", say.board.with(found.example());
+    Self::SizeUnknown { found } => found.remedy(say);
     Self::WrongRatio(ratio) => "use {}", say.board.with(ratio.board);
 }
 
@@ -85,22 +94,28 @@ pub fn ratio_in_words(OtherRatio { board, measured, stated }: &OtherRatio) -> St
 pub struct ConfirmedBoard {
     /// The board.
     pub board: Board,
-    /// A sentence about a difference between the stated board and the recording.
-    pub note: Option<String>,
+    /// The difference between the stated board and the recording, if there is one.
+    pub finding: Option<Finding>,
 }
 
-/// Compares a stated board with some pictures of the first recording that shows it, in its events or else in its frames; a board of
-/// circles with some windows. If the tags of the stated board are only numbered, rotated or bordered in another way, returns the board
-/// in view.
+impl From<Board> for ConfirmedBoard {
+    fn from(board: Board) -> Self {
+        Self { board, finding: None }
+    }
+}
+
+/// Compares a stated board with some pictures of the first recording that shows it, in its events or else in its frames, or in its
+/// frames alone if only `pictures` are calibrated; a board of circles with some windows. If the tags of the stated board are only
+/// numbered, rotated or bordered in another way, or frames show its markers in another size, returns the board in view.
 ///
 /// # Errors
 /// [`BoardChoiceError`] if the board in view is another one.
 pub fn confirm_board(
     board: &Board,
     recordings: &[&Recording],
+    pictures: PictureUse,
     settings: &DetectionSettings,
 ) -> Result<ConfirmedBoard, BoardChoiceError> {
-    let kept = ConfirmedBoard { board: *board, note: None };
     for recording in recordings {
         // A recording without a known sensor, or one that contains no events, is reported when it is calibrated.
         let sensor = sensor_of(recording).ok();
@@ -116,31 +131,49 @@ pub fn confirm_board(
             }
             Board::Circles(_) => continue,
         };
-        let of_events = sensor.and_then(|sensor| compare(recording, sensor, stated).ok());
+        let of_events = match pictures {
+            PictureUse::Only => None,
+            _ => sensor.and_then(|sensor| compare(recording, sensor, stated).ok()),
+        };
         let is_clear = of_events.as_ref().is_some_and(|compared| *compared != StatedBoard::Unclear);
         let compared = if is_clear { of_events } else { compare_frames(recording, stated).ok() };
         match compared.unwrap_or(StatedBoard::Unclear) {
             StatedBoard::Kept | StatedBoard::Unclear => {}
             StatedBoard::DoubtfulRatio(ratio) => {
-                let note = format!("{}: measure both lengths of {stated} again", ratio_in_words(&ratio));
-                return Ok(ConfirmedBoard { note: Some(note), ..kept });
+                let finding = Some(finding_on_ratio(&ratio));
+                return Ok(ConfirmedBoard { board: *board, finding });
             }
             StatedBoard::WrongRatio(ratio) => return Err(BoardChoiceError::WrongRatio(ratio)),
             StatedBoard::Variant(found) => {
-                let note = format!(
-                    "{} shows the board {found}, not {stated}: {}; it is calibrated with {found}",
-                    recording.path().display(),
-                    differences(&found, stated).join(", ")
-                );
-                return Ok(ConfirmedBoard { board: Board::Squares(found), note: Some(note) });
+                let differences = differences(&found, stated).join(", ");
+                let file = recording.path().display();
+                let finding = Some(Finding::new(
+                    Cause::BoardNotAsStated,
+                    Severity::Note,
+                    format!(
+                        "{file} shows the board {found}, not {stated}: {differences}; it is calibrated with {found}"
+                    ),
+                    Advice::StateBoard(found),
+                ));
+                return Ok(ConfirmedBoard { board: Board::Squares(found), finding });
             }
             StatedBoard::Other(found) => return Err(BoardChoiceError::Other { stated: *board, found }),
         }
     }
-    Ok(kept)
+    Ok((*board).into())
 }
 
-/// Describes the numbering, rotation and border of the tags of `found` that differ from `stated`.
+/// Returns the finding on the second length of a board of tags. A wrong size of the markers of a ChArUco board moves none of its
+/// corners.
+fn finding_on_ratio(ratio: &OtherRatio) -> Finding {
+    let severity = match ratio.board {
+        SquareBoard::Charuco(_) => Severity::Note,
+        _ => Severity::Warning,
+    };
+    Finding::new(Cause::LengthsDisagree, severity, ratio_in_words(ratio), Advice::StateBoard(ratio.board))
+}
+
+/// Describes the numbering, rotation, border and size of the tags of `found` that differ from `stated`.
 fn differences(found: &SquareBoard, stated: &SquareBoard) -> Vec<String> {
     match (found, stated) {
         (SquareBoard::Tags(found), SquareBoard::Tags(stated)) => {
@@ -164,6 +197,9 @@ fn differences(found: &SquareBoard, stated: &SquareBoard) -> Vec<String> {
                 words.push(format!("the dark border of a tag is {} {modules} wide", found.border));
             }
             words
+        }
+        (SquareBoard::Charuco(found), SquareBoard::Charuco(stated)) if found.layout == stated.layout => {
+            vec![format!("its markers measure {:.1} mm", 1e3 * found.marker)]
         }
         (SquareBoard::Charuco(found), _) => vec![match found.layout {
             CharucoLayout::Current => "the square at its top left is dark".to_owned(),
@@ -203,12 +239,15 @@ pub fn choose_board(
 /// Returns the board in the first of the recordings in which one is recognised.
 ///
 /// # Errors
-/// [`BoardChoiceError`] if no board is recognised.
+/// [`BoardChoiceError`] if no board is recognised, or if it is mirrored.
 pub fn recognise_board(
     recordings: &[&Recording],
     settings: &DetectionSettings,
 ) -> Result<Recognised, BoardChoiceError> {
-    first_found(recordings, |recording, sensor| find_board(recording, sensor, settings))
+    match first_found(recordings, |recording, sensor| find_board(recording, sensor, settings))? {
+        found if found.is_mirrored() => Err(BoardChoiceError::Mirrored { found }),
+        found => Ok(found),
+    }
 }
 
 /// Returns the result of `find` for the first of the recordings for which it is not `None`.

@@ -11,9 +11,11 @@ use evcal_calibrate::calibrate::inertia::InertialRequest;
 use evcal_calibrate::inertial;
 use evcal_calibrate::inertial::settings::InertialSettings;
 use evcal_calibrate::inertial::units::MessageUnits;
+use evcal_calibrate::quality::verdict::Finding;
 use evcal_calibrate::second_camera::error::SecondCameraError;
 use evcal_calibrate::settings::Settings;
-use evcal_calibrate::task::board_choice::{BoardChoiceError, choose_board, confirm_board};
+use evcal_calibrate::task::PictureUse;
+use evcal_calibrate::task::board_choice::{BoardChoiceError, ConfirmedBoard, choose_board, confirm_board};
 use evcal_calibrate::task::input::{Input, InputError};
 use evcal_calibrate::task::parameter_request::ParameterRequests;
 use evcal_core::circle::Extraction;
@@ -233,12 +235,13 @@ impl MethodArguments {
         &self,
         files: &[PathBuf],
         options: &RecordingOptions,
+        pictures: PictureUse,
         settings: &DetectionSettings,
-    ) -> Result<Board, Failure> {
+    ) -> Result<ConfirmedBoard, Failure> {
         let board = board_in(&self.board, files, options, settings)?;
-        let BoardRequest::Given(board) = self.board else { return Ok(board) };
+        let BoardRequest::Given(board) = self.board else { return Ok(board.into()) };
         let recordings = recordings_in(files, options)?;
-        Ok(confirmed(&board, &recordings.iter().collect::<Vec<_>>(), settings)?)
+        Ok(confirmed(&board, &recordings.iter().collect::<Vec<_>>(), pictures, settings)?)
     }
 }
 
@@ -247,13 +250,14 @@ impl MethodArguments {
 pub(super) fn confirmed(
     board: &Board,
     recordings: &[&Recording],
+    pictures: PictureUse,
     settings: &DetectionSettings,
-) -> Result<Board, BoardChoiceError> {
-    let confirmed = confirm_board(board, recordings, settings)?;
-    if let Some(note) = confirmed.note {
-        print::aside(note);
+) -> Result<ConfirmedBoard, BoardChoiceError> {
+    let confirmed = confirm_board(board, recordings, pictures, settings)?;
+    if let Some(Finding { reason, advice, .. }) = &confirmed.finding {
+        print::aside(format!("{reason}: {}", advice.worded(&Words::PROGRAM)));
     }
-    Ok(confirmed.board)
+    Ok(confirmed)
 }
 
 /// Opens the files that contain events.
@@ -407,12 +411,15 @@ pub fn calibrate_recordings(
         let of_images = |path: &PathBuf| Images::open_views(path, options.stream.as_deref(), options.damage);
         with_events.retain(|path| !matches!(of_images(path), Ok(Some(_))));
     }
-    let board = arguments.method.choose_board(&with_events, options, &settings.detection)?;
+    let pictures = if arguments.frames_only { PictureUse::Only } else { PictureUse::default() };
+    let confirmed = arguments.method.choose_board(&with_events, options, pictures, &settings.detection)?;
     let inputs = recordings
         .iter()
         .map(|path| match arguments.frames_only && !SerialAddress::is_address(path) {
-            true => Ok(Input::open_views(path, options, &board)?),
-            false => open_input(path, options, &board, folder.path(), |message| waiting.part(LISTENING, message, None)),
+            true => Ok(Input::open_views(path, options, &confirmed.board)?),
+            false => open_input(path, options, &confirmed.board, folder.path(), |message| {
+                waiting.part(LISTENING, message, None);
+            }),
         })
         .collect::<Result<Vec<Input>, _>>()?;
     let inputs = Input::join(inputs);
@@ -430,7 +437,7 @@ pub fn calibrate_recordings(
         let sensor = others.sensors.get(index).copied().or(options.sensor);
         let model = others.models.get(index).copied().unwrap_or(arguments.method.model());
         let options = RecordingOptions { sensor, ..options.clone() };
-        let input = Input::open_other(path, stream, others.stamps, &options, &board)?;
+        let input = Input::open_other(path, stream, others.stamps, &options, &confirmed.board)?;
         Ok(Other { input, sensor, model })
     };
     let others = others.with_streams().enumerate().map(open).collect::<Result<_, InputError>>()?;
@@ -439,7 +446,7 @@ pub fn calibrate_recordings(
         others,
         rolling_shutter,
         fixed,
-        board,
+        confirmed,
         sensor: options.sensor,
         parameters,
         arguments,

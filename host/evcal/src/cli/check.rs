@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use evcal_calibrate::advice::Advice;
 use evcal_calibrate::check::{Checked, check};
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::PictureUse;
 use evcal_calibrate::task::board_choice::BoardChoiceError;
 use evcal_detection::circles::file::open_events;
 use evcal_files::remedy::Words;
@@ -51,9 +52,9 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
         Some(request) => {
             let files = std::slice::from_ref(&arguments.recording);
             let board = board_in(request, files, recording.options(), &settings.detection)?;
-            match confirmed(&board, &[&recording], &settings.detection) {
+            match confirmed(&board, &[&recording], PictureUse::default(), &settings.detection) {
                 // The result of the check describes another board.
-                Err(BoardChoiceError::Other { .. }) => Some(board),
+                Err(BoardChoiceError::Other { .. }) => Some(board.into()),
                 confirmed => Some(confirmed?),
             }
         }

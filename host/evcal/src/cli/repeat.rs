@@ -42,7 +42,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
     let sensor = options.sensor;
     let recording = open_events(&arguments.recording, options)?;
     let files = std::slice::from_ref(&arguments.recording);
-    let board = &arguments.method.choose_board(files, recording.options(), &settings.detection)?;
+    let board =
+        &arguments.method.choose_board(files, recording.options(), PictureUse::Ignore, &settings.detection)?.board;
     let model = arguments.method.model();
     let task = Task { model, sensor, pictures: PictureUse::Ignore, settings: &settings, ..Task::new(&[], board) };
     let parts = RepeatSettings { runs: arguments.runs.into(), seconds: arguments.seconds, seed: arguments.seed };

@@ -36,7 +36,7 @@ pub enum OtherReading {
         /// The board.
         board: Board,
     },
-    /// A board of another kind; its lengths are unknown.
+    /// A board of another kind, whose lengths are unknown, or a mirrored one.
     Kind(Recognised),
 }
 
@@ -53,7 +53,7 @@ impl OtherReading {
 
 remedies! { OtherReading, say;
     Self::Board { board, .. } => "use {}", say.board.with(board);
-    Self::Kind(found) => "for example {}", say.board.with(found.example());
+    Self::Kind(found) => found.remedy(say);
 }
 
 impl fmt::Display for OtherReading {
@@ -62,7 +62,7 @@ impl fmt::Display for OtherReading {
             Self::Board { fitting, windows, board } => {
                 write!(f, "{fitting} of {windows} windows fit the board {board} instead")
             }
-            Self::Kind(found) => write!(f, "the board is {found}: {}", found.to_measure()),
+            Self::Kind(found) => write!(f, "the board is {found}: {}", found.to_do()),
         }
     }
 }
@@ -96,9 +96,11 @@ pub fn find_other_board(
 
 /// Returns the recognised board of squares if it differs from the stated one; `None` if it does not.
 pub(in crate::detection) fn other_squares(found: RecognisedBoard, stated: &SquareBoard) -> Option<OtherReading> {
-    let Some(board) = in_lengths_of(&found.board, stated) else {
-        return Some(OtherReading::Kind(Recognised::Squares(found)));
-    };
+    let other_kind = || Some(OtherReading::Kind(Recognised::Squares(found)));
+    if found.is_mirrored {
+        return other_kind();
+    }
+    let Some(board) = in_lengths_of(&found.board, stated) else { return other_kind() };
     let (fitting, windows) = (found.fitting, found.moments);
     (!is_same(&board, stated)).then_some(OtherReading::Board { fitting, windows, board: Board::Squares(board) })
 }
@@ -148,7 +150,7 @@ mod tests {
     /// Returns the board to state, and `true` if all its lengths are known.
     fn other(found: &str, stated: &str) -> Option<(String, bool)> {
         let board = found.parse().unwrap();
-        let found = RecognisedBoard { board, fitting: 9, moments: 10, has_unknown_markers: false };
+        let found = RecognisedBoard::new(board, 9, 10);
         other_squares(found, &stated.parse().unwrap()).map(|other| match other {
             OtherReading::Board { board, .. } => (board.to_string(), true),
             OtherReading::Kind(found) => (found.example(), false),

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use evcal_core::sensor::Sensor;
+use evcal_files::remedy::{Remedy, Words};
 use evcal_geometry::board::SquareBoard;
 use evcal_geometry::board::squares::family::Dictionary;
 use evcal_geometry::board::squares::{Charuco, TagGrid};
@@ -31,9 +32,18 @@ pub enum Recognised {
 }
 
 impl Recognised {
-    /// Names the lengths that the user has to measure.
-    pub fn to_measure(&self) -> String {
+    /// Returns `true` if the image, or the print, is mirrored.
+    pub fn is_mirrored(&self) -> bool {
+        matches!(self, Self::Squares(found) if found.is_mirrored)
+    }
+
+    /// Names the lengths that the user has to measure, or what is wrong with a mirrored board.
+    pub fn to_do(&self) -> String {
         match self {
+            Self::Squares(_) if self.is_mirrored() => {
+                "correct x or y if the file counts it from the other side, or print the board again, not mirrored"
+                    .to_owned()
+            }
             Self::Circles(layout) => format!("{}, and give both", layout.to_measure()),
             Self::Squares(found) => {
                 // The ratio of both lengths is only estimated.
@@ -58,13 +68,21 @@ impl Recognised {
     }
 }
 
+impl Remedy for Recognised {
+    fn remedy(&self, say: &Words) -> Option<String> {
+        (!self.is_mirrored()).then(|| format!("for example {}", say.board.with(self.example())))
+    }
+}
+
 impl fmt::Display for Recognised {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Circles(layout) => layout.fmt(f),
-            Self::Squares(RecognisedBoard { board, fitting, moments, has_unknown_markers }) => {
-                write!(f, "{}, which fits {fitting} of {moments} pictures", kind_of(board))?;
-                if *has_unknown_markers {
+            Self::Squares(found) => {
+                let RecognisedBoard { board, fitting, moments, .. } = found;
+                let mirrored = if found.is_mirrored { ", mirrored" } else { "" };
+                write!(f, "{}{mirrored}, which fits {fitting} of {moments} pictures", kind_of(board))?;
+                if found.has_unknown_markers {
                     write!(
                         f,
                         " (its light squares contain markers of an unknown dictionary, and its corners are those of a checkerboard)"

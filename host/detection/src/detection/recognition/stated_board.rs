@@ -20,6 +20,7 @@ use super::recognised::{Recognised, find_squares, in_lengths_of};
 use crate::circles::reference_frame::ReferenceFrame;
 use crate::detection::DetectionReport;
 use crate::detection::DetectionStage;
+use crate::detection::pictures::search::MadeOf;
 use crate::detection::settings::DetectionSettings;
 use crate::detection::square_finder::SquareFinder;
 use crate::detection::squares::SquareStage;
@@ -40,8 +41,8 @@ const FEWEST_FOUND: usize = 3;
 /// be. In pictures made of events tags seem too large, small ones by several hundredths of their side.
 const WRONG_RATIO: f64 = 0.1;
 const DOUBTFUL_RATIO: f64 = 0.028;
-/// The same for the markers of a ChArUco board, which seem up to a quarter too small. A wrong size of them changes no corner, so it
-/// never ends the calibration.
+/// The same for the markers of a ChArUco board, which seem up to a quarter too small in pictures made of events. A wrong size of
+/// them changes no corner, so it never ends the calibration.
 const DOUBTFUL_MARKER: f64 = 0.2;
 /// Usual ratios are multiples of 0.05; a measured one within this distance is taken for one of them.
 const USUAL: f64 = 0.02;
@@ -61,7 +62,7 @@ pub enum StatedBoard {
     /// They show it with another ratio of its two lengths.
     WrongRatio(OtherRatio),
     /// They show a board with the rows, columns, family and lengths of the stated one whose tags are numbered, rotated or bordered
-    /// in another way.
+    /// in another way, or frames show its markers in another size.
     Variant(SquareBoard),
     /// They show another board.
     Other(OtherReading),
@@ -83,7 +84,7 @@ pub struct OtherRatio {
 /// # Errors
 /// [`RecordingError`] if the recording cannot be read.
 pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> Result<StatedBoard, RecordingError> {
-    let mut pictures = ComparedPictures::new(stated);
+    let mut pictures = ComparedPictures::new(stated, MadeOf::Events);
     visit(recording, sensor, WINDOWS.map(|window| window * WINDOW), |moment| pictures.add(moment.pictures))?;
     Ok(pictures.compare())
 }
@@ -93,7 +94,7 @@ pub fn compare(recording: &Recording, sensor: Sensor, stated: &SquareBoard) -> R
 /// # Errors
 /// [`RecordingError`] if the recording cannot be read.
 pub fn compare_frames(recording: &Recording, stated: &SquareBoard) -> Result<StatedBoard, RecordingError> {
-    let mut pictures = ComparedPictures::new(stated);
+    let mut pictures = ComparedPictures::new(stated, MadeOf::Light);
     let mut starts = WINDOWS.map(|window| window * WINDOW / FRAMES_BY_WINDOWS).into_iter().peekable();
     let (mut first, mut flow) = (None, ControlFlow::Continue(()));
     recording.visit_frames(|frame| {
@@ -111,6 +112,7 @@ pub fn compare_frames(recording: &Recording, stated: &SquareBoard) -> Result<Sta
 /// The pictures that are compared with a stated board.
 struct ComparedPictures<'a> {
     stated: &'a SquareBoard,
+    made_of: MadeOf,
     finder: SquareFinder,
     /// The comparison of its tags; `None` if it has no tags.
     tags: Option<StatedTags>,
@@ -122,9 +124,9 @@ struct ComparedPictures<'a> {
 }
 
 impl<'a> ComparedPictures<'a> {
-    fn new(stated: &'a SquareBoard) -> Self {
+    fn new(stated: &'a SquareBoard, made_of: MadeOf) -> Self {
         let (finder, tags) = (SquareFinder::new(stated), StatedTags::new(stated));
-        Self { stated, finder, tags, moments: Vec::new(), found: 0, clear: None }
+        Self { stated, made_of, finder, tags, moments: Vec::new(), found: 0, clear: None }
     }
 
     /// Adds the pictures of a moment. Returns `Break` if they are enough.
@@ -144,10 +146,10 @@ impl<'a> ComparedPictures<'a> {
     }
 
     fn compare(self) -> StatedBoard {
-        let Self { stated, finder, tags, moments, found, clear } = self;
+        let Self { stated, made_of, finder, tags, moments, found, clear } = self;
         let comparison = clear.or_else(|| tags.as_ref().map(StatedTags::compare)).unwrap_or(Comparison::Unclear);
         match comparison {
-            Comparison::Same { ratio } => of_ratio(stated, ratio),
+            Comparison::Same { ratio } => of_ratio(stated, ratio, made_of),
             Comparison::Other(other) => of_other(other, stated, moments.len()),
             Comparison::Unclear if found > 0 => StatedBoard::Kept,
             Comparison::Unclear => {
@@ -173,7 +175,7 @@ fn differs_in_ratio_only(found: &SquareBoard, stated: &SquareBoard) -> bool {
     }
 }
 
-fn of_ratio(stated: &SquareBoard, measured: f64) -> StatedBoard {
+fn of_ratio(stated: &SquareBoard, measured: f64, made_of: MadeOf) -> StatedBoard {
     let (given, board, [wrong, doubtful]) = match stated {
         SquareBoard::Tags(grid) => {
             let usual = rounded(measured, 20.0);
@@ -184,7 +186,12 @@ fn of_ratio(stated: &SquareBoard, measured: f64) -> StatedBoard {
             // Half a millimetre is what a ruler shows.
             let marker = rounded(measured * board.square, 2000.0);
             let other = SquareBoard::Charuco(Charuco { marker, ..*board });
-            (board.marker / board.square, other, [f64::INFINITY, DOUBTFUL_MARKER])
+            let given = board.marker / board.square;
+            if made_of == MadeOf::Light {
+                let is_wrong = (measured - given).abs() > DOUBTFUL_RATIO;
+                return if is_wrong { StatedBoard::Variant(other) } else { StatedBoard::Kept };
+            }
+            (given, other, [f64::INFINITY, DOUBTFUL_MARKER])
         }
         SquareBoard::Checkerboard(_) => return StatedBoard::Kept,
     };
@@ -335,7 +342,7 @@ mod tests {
 
     #[test]
     fn a_wrong_ratio_is_distinguished_from_an_inaccurate_one() {
-        let of = |stated: &str, measured: f64| match of_ratio(&board(stated), measured) {
+        let of = |stated: &str, measured: f64| match of_ratio(&board(stated), measured, MadeOf::Events) {
             StatedBoard::Kept => "kept".to_owned(),
             StatedBoard::DoubtfulRatio(ratio) => format!("doubtful: {}", ratio.board),
             StatedBoard::WrongRatio(ratio) => format!("wrong: {}", ratio.board),
@@ -349,6 +356,11 @@ mod tests {
         assert_eq!(of("apriltags:3x4:48mm:0.4", 0.251), "wrong: apriltags:3x4:48mm:0.25");
         assert_eq!(of("charuco:5x7:40mm:28mm:DICT_5X5_100", 0.751), "kept");
         assert_eq!(of("charuco:5x7:40mm:20mm:DICT_5X5_100", 0.751), "doubtful: charuco:5x7:40mm:30mm:DICT_5X5_100");
+        // Frames show markers in their size, and are searched for them.
+        let stated = board("charuco:5x7:40mm:28mm:DICT_5X5_100");
+        let in_frames = |measured| of_ratio(&stated, measured, MadeOf::Light);
+        assert_eq!(in_frames(0.71), StatedBoard::Kept);
+        assert_eq!(in_frames(0.751), StatedBoard::Variant(board("charuco:5x7:40mm:30mm:DICT_5X5_100")));
     }
 
     #[test]

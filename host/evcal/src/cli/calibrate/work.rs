@@ -13,7 +13,7 @@ use evcal_calibrate::calibrate::second::{
 use evcal_calibrate::quality::verdict::{Cause, Grade};
 use evcal_calibrate::result::device_verdicts::{device_verdicts, worst_grade};
 use evcal_calibrate::settings::Settings;
-use evcal_calibrate::task::board_choice::{LargerBoard, larger_board};
+use evcal_calibrate::task::board_choice::{ConfirmedBoard, LargerBoard, larger_board};
 use evcal_calibrate::task::error::CalibrateError;
 use evcal_calibrate::task::input::Input;
 use evcal_calibrate::task::parameter_request::ParameterRequests;
@@ -23,7 +23,6 @@ use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_files::remedy::{Remedy, Words};
 use evcal_files::visible;
-use evcal_geometry::board::Board;
 use evcal_report::output::failure::write_failure;
 use evcal_report::output::folder::{Written, write_folder};
 use evcal_report::output::summary::Summary;
@@ -57,7 +56,7 @@ pub struct Work<'a> {
     /// Cameras whose intrinsics are fixed in the solve with an IMU or other cameras.
     pub fixed: FixedCameras,
     /// The board in the recordings.
-    pub board: Board,
+    pub confirmed: ConfirmedBoard,
     /// Sensor size, if the recordings do not contain it.
     pub sensor: Option<Sensor>,
     /// Parameters that are fixed or always estimated.
@@ -96,7 +95,8 @@ impl Work<'_> {
         };
         Task {
             inputs: &self.inputs,
-            board: &self.board,
+            board: &self.confirmed.board,
+            board_finding: self.confirmed.finding.as_ref(),
             model: self.arguments.method.model(),
             sensor: self.sensor,
             pictures,
@@ -185,8 +185,11 @@ impl Work<'_> {
         let is_reported = calibrated.verdict.findings.iter().any(|finding| finding.cause == Cause::LargerBoard);
         if calibrated.verdict.grade == Grade::NotGood
             && !is_reported
-            && let Some(LargerBoard { found, board }) =
-                self.board.circles().and_then(|board| larger_board(&self.inputs, board, &self.settings.detection))
+            && let Some(LargerBoard { found, board }) = self
+                .confirmed
+                .board
+                .circles()
+                .and_then(|board| larger_board(&self.inputs, board, &self.settings.detection))
         {
             print::aside(format!("check the board: the recording shows {found}, --board {board}"));
         }
@@ -288,7 +291,7 @@ impl Work<'_> {
         waiting.stage("both cameras", None);
         let fixed = self.fixed.others.get(number).map(|fixed| fixed.of(second.sensor)).transpose()?;
         let lenses = [self.fixed_of_first(first)?, fixed];
-        let found = calibrate_against_first(first, &second, input, self.rolling_shutter, &self.board, lenses);
+        let found = calibrate_against_first(first, &second, input, self.rolling_shutter, &self.confirmed.board, lenses);
         Ok(first.add_second(found)?)
     }
 }

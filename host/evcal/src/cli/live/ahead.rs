@@ -8,6 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread::{Scope, ScopedJoinHandle};
 
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::PictureUse;
 use evcal_calibrate::task::board_choice::confirm_board;
 use evcal_calibrate::task::input::Input;
 use evcal_geometry::board::Board;
@@ -62,7 +63,7 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
                 others: Vec::new(),
                 rolling_shutter: false,
                 fixed: FixedCameras::default(),
-                board,
+                confirmed: board.into(),
                 sensor: None,
                 parameters,
                 arguments,
@@ -107,7 +108,7 @@ impl<'scope, 'env> Ahead<'scope, 'env> {
         });
         let waiting = lock().take();
         // The board of the session was not compared with a recording.
-        let made = made.filter(|(work, _)| is_confirmed(&work.board, recordings, settings));
+        let made = made.filter(|(work, _)| is_confirmed(&work.confirmed.board, recordings, settings));
         match (made, waiting) {
             (Some((work, attempt)), Some(waiting)) => work.finish(attempt, waiting, folder),
             (_, waiting) => calibrate_recordings(
@@ -137,6 +138,6 @@ fn is_confirmed(board: &Board, recordings: &[PathBuf], settings: &Settings) -> b
     let Ok(opened) = opened.collect::<Result<Vec<Recording>, _>>() else { return true };
     let all: Vec<&Recording> = opened.iter().collect();
     !has_tags
-        || confirm_board(board, &all, &settings.detection)
-            .is_ok_and(|confirmed| confirmed.board == *board && confirmed.note.is_none())
+        || confirm_board(board, &all, PictureUse::default(), &settings.detection)
+            .is_ok_and(|confirmed| confirmed.board == *board && confirmed.finding.is_none())
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::PictureUse;
 use evcal_core::sensor::Sensor;
 use evcal_files::folder::OutputFolder;
 use evcal_geometry::board::Board;
@@ -41,7 +42,11 @@ pub fn run(
     folder: &OutputFolder,
     interrupt: &Interrupt,
 ) -> super::super::Outcome {
-    let board = arguments.calibration.method.choose_board(&[], &RecordingOptions::default(), &settings.detection)?;
+    let board = arguments
+        .calibration
+        .method
+        .choose_board(&[], &RecordingOptions::default(), PictureUse::default(), &settings.detection)?
+        .board;
     // The camera is opened before the page, so that a missing camera is reported first.
     let mut opened = Some(arguments.camera.open()?);
     let window = open_window(arguments, folder, arguments.camera.has_frames())?;

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use evcal_calibrate::advice::Advice;
 use evcal_calibrate::check::units::unusual_beginning;
 use evcal_calibrate::settings::Settings;
+use evcal_calibrate::task::PictureUse;
 use evcal_detection::detection::search::sensor_of;
 use evcal_files::folder::OutputFolder;
 use evcal_files::remedy::Words;
@@ -59,7 +60,7 @@ pub fn run(
         print::aside(format!("{other}: {}", Advice::NameTimeUnit(other.unit).worded(&Words::PROGRAM)));
     }
     let method = &arguments.calibration.method;
-    let board = &method.choose_board(&known, &options, &settings.detection)?;
+    let board = &method.choose_board(&known, &options, PictureUse::default(), &settings.detection)?.board;
     let checkpoints = checkpoint::start(arguments, settings, board, &[], path, &options, report_time)?;
     let observer = Observer::new(&settings.detection, &settings.initial, &settings.live, board, sensor)
         .with_checkpoints(checkpoints);
