@@ -33,6 +33,13 @@ pub enum Advice {
     /// Check that the lens is clean and the board is not wavy; bend and print of the board are estimated already,
     /// unless they are fixed.
     CheckLensAndBoard,
+    /// Estimate a parameter that was fixed.
+    Estimate {
+        /// Its name.
+        name: &'static str,
+        /// The request to fix it, such as `k3=0`.
+        fixed: String,
+    },
     /// Cover more of the lens, or estimate these parameters anyway.
     Free(Vec<&'static str>),
     /// State the size of the sensor, probably this one.
@@ -118,6 +125,10 @@ impl Advice {
                     "check whether the board is wavy or the lens dirty (a smooth bend and an uneven print are estimated, unless fixed{fixed})"
                 )
             }
+            Self::Estimate { name, fixed } => match say.fix {
+                Some(fix) => format!("leave out {}, so that it is estimated", fix.with(fixed)),
+                None => format!("let {name} be estimated"),
+            },
             Self::Free(names) => {
                 let anyway = match say.free {
                     Some(free) => {

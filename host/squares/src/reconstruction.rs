@@ -23,6 +23,9 @@ const REACH: f64 = 3.0;
 const BLOCK_BYTES: usize = 128 << 20;
 /// Largest number of events of an interval that count: 400 million per second. Files may contain very many events of one time.
 const MOST_CHANGES: usize = 1 << 23;
+/// Fewest events per second, as a share of the sensor's pixels, of which pictures are made. A board in slow motion causes ten times
+/// as many. With timestamps in a wrong unit, seconds become hours.
+const LEAST_RATE: f64 = 0.05;
 /// Number of equal parts of an interval; all events in one part have the same weight.
 const SLOTS: u32 = 128;
 /// Largest ratio of the ON and OFF thresholds of a sensor.
@@ -97,7 +100,7 @@ impl Change {
     }
 }
 
-/// Reconstructs pictures from a stream of events. Pictures are returned up to six times the longest τ after their
+/// Reconstructs pictures from a stream of events. There are none of times with hardly any events. Pictures are returned up to six times the longest τ after their
 /// moment, unless the options limit it; memory grows with the events of that time, not with the length of the recording.
 pub struct Reconstruction {
     options: ReconstructionOptions,
@@ -118,7 +121,7 @@ impl Reconstruction {
     /// Creates a reconstruction at the beginning of a stream. Options out of range are clamped.
     pub fn new(mut options: ReconstructionOptions) -> Self {
         options.interval = options.interval.max(1);
-        let size = usize::from(options.sensor.width) * usize::from(options.sensor.height);
+        let size = pixels(options.sensor);
         let bands: Vec<Band> =
             options.time_constants.iter().map(|&tau| Band::new(tau.clamp(1e-3, 100.0), &options, size)).collect();
         let reach = bands.iter().map(|band| band.reach).max().unwrap_or(1);
@@ -163,9 +166,12 @@ impl Reconstruction {
             self.make(&mut each);
         }
         self.start = None;
-        for band in &mut self.bands {
-            band.past.fill(0.0);
-        }
+        self.forget();
+    }
+
+    /// Forgets the events before the first interval.
+    fn forget(&mut self) {
+        self.bands.iter_mut().for_each(|band| band.past.fill(0.0));
     }
 
     fn current_start(&self) -> i64 {
@@ -185,6 +191,15 @@ impl Reconstruction {
     fn make(&mut self, each: &mut impl FnMut(Vec<Moment>)) {
         let intervals = self.intervals.make_contiguous();
         let block = self.block.min(intervals.len());
+        let step = i64::from(self.options.interval);
+        let count: usize = intervals.iter().map(|changes| changes.len()).sum();
+        let seconds = intervals.len() as f64 * step as f64 * 1e-6;
+        if (count as f64) < LEAST_RATE * seconds * pixels(self.options.sensor) as f64 {
+            self.start = self.start.map(|start| start.saturating_add(step.saturating_mul(block as i64)));
+            self.forget();
+            self.intervals.drain(..block);
+            return;
+        }
         let ratio = on_weight(intervals);
         let pictures: Vec<Vec<Vec<f32>>> =
             self.bands.par_iter_mut().map(|band| band.pictures(intervals, block, ratio)).collect();
@@ -192,13 +207,17 @@ impl Reconstruction {
         let Sensor { width, height } = self.options.sensor;
         let of_band = |band: &mut std::vec::IntoIter<Vec<f32>>| Picture::new(width.into(), height.into(), band.next()?);
         let moments = (0..block).map(|_| {
-            let t = self.start.unwrap_or(0).saturating_add(self.options.interval.into());
+            let t = self.start.unwrap_or(0).saturating_add(step);
             self.start = Some(t);
             Moment { t, pictures: bands.iter_mut().filter_map(of_band).collect() }
         });
         each(moments.collect());
         self.intervals.drain(..block);
     }
+}
+
+fn pixels(sensor: Sensor) -> usize {
+    usize::from(sensor.width) * usize::from(sensor.height)
 }
 
 /// Returns the number of OFF events per ON event, which is the weight of an ON event, because over time a pixel becomes
@@ -383,6 +402,22 @@ mod tests {
         for part in [1, 777] {
             assert!(pool.install(|| moments(&options, &events, part)) == once);
         }
+    }
+
+    /// With nanoseconds read as microseconds, four seconds became more than an hour, with a picture of nothing every 20 ms.
+    #[test]
+    fn times_with_hardly_any_events_have_no_pictures() {
+        let options = ReconstructionOptions::new(SENSOR);
+        let mut events = bar(200.0, 0.2, 6);
+        let whole = moments(&options, &events, 1000).len();
+        let slow: Vec<Event> = events.iter().map(|event| Event { t: event.t * 1000, ..*event }).collect();
+        // The last events are those of a short time.
+        assert!(moments(&options, &slow, 1000).len() < 100);
+        // What follows is as if there was nothing before.
+        let first = events[0];
+        events.splice(0..0, (0..600).map(|index| Event { t: index * 100_000 - 70_000_000, ..first }));
+        let after = moments(&options, &events, 1000).len();
+        assert!(after.abs_diff(whole) < 60, "{after} {whole}");
     }
 
     #[test]

@@ -160,6 +160,26 @@ fn recording() -> PathBuf {
     LENS.simulation("inertial", &["--motion", "fast", "--duration", "8s", "--imu", "davis346"])
 }
 
+#[test]
+fn the_imu_is_calibrated_along_the_trajectory_of_frames() {
+    let options = ["--motion", "fast", "--duration", "5s", "--imu", "davis346", "--frames", "25"];
+    let folder = LENS.simulation("inertial-frames", &options);
+    let truth = Truth::new(&read_json(&folder.join("truth.json")));
+    let board = BOARD.parse().unwrap();
+    let inputs = [Input::open(&folder.join("events.aedat4"), &RecordingOptions::default(), &board).unwrap()];
+    let task = Task { pictures: PictureUse::Only, ..Task::new(&inputs, &board) };
+    let calibrated = calibrate(&task, |_| ControlFlow::Continue(())).unwrap();
+    let found = calibrate_inertial(&task, &calibrated, &InertialRequest::default(), None).unwrap();
+    let (rotation, position) = truth.errors(&found);
+    for (first, errors, limit) in [(ROTATION, rotation, 0.1f64.to_radians()), (POSITION, position, 2e-3)] {
+        for axis in 0..3 {
+            let (error, sigma) = (errors[axis].abs(), found.sigma(first + axis));
+            assert!(error < limit && error < 4.0 * sigma && sigma < limit, "{first} {axis}: off by {error} ± {sigma}");
+        }
+    }
+    assert!(found.parameters.gravity.angle(&Vector3::y()) < 0.1f64.to_radians(), "{}", found.parameters.gravity);
+}
+
 /// The nominal spacing of the board is 1 % too large.
 fn causes(found: &InertialCalibration) -> Vec<Cause> {
     found.findings.iter().map(|finding| finding.cause).collect()

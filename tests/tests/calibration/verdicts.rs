@@ -51,6 +51,22 @@ fn a_distant_board_leaves_the_camera_uncertain() {
     assert!(findings.iter().any(|finding| finding["cause"] == "uncertain"), "{verdict:#}");
 }
 
+/// The verdict was good, with a true error of eight times the bound: neither the other half of the events nor the camera's frames can
+/// contradict a value that all of them share.
+#[test]
+fn a_fixed_value_that_the_recording_contradicts_is_not_good() {
+    let events = RADTAN.recording().join("events.aedat4");
+    let given = ["calibrate", text(&events), "--board", BOARD, "--model", RADTAN.model, "--accept-any"];
+    let fx = camera(&RADTAN.recording().join("truth.json")).parameters()[0];
+    for (value, cause) in [(1.005 * fx, true), (fx, false)] {
+        let fixed = format!("fx={value:.3}");
+        let calibration = made(&format!("fixed-{cause}"), &[&given[..], &["--fix", &fixed]].concat());
+        let verdict = read_json(&calibration.join("calibration.json"))["verdict"].clone();
+        assert_eq!((names(&verdict, "fixed-value"), verdict["grade"] == "not-good"), (cause, cause), "{verdict:#}");
+        assert_eq!(verdict.to_string().contains(&format!("leave out --fix {fixed}")), cause, "{verdict:#}");
+    }
+}
+
 #[test]
 fn frontal_views_are_reported() {
     let verdict = verdict("head-on", &events("head-on"), BOARD);

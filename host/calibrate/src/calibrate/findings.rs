@@ -59,7 +59,7 @@ pub(super) fn examine_calibration(
     saturated: &[LeftOut],
     cross_check: Option<CrossCheckOutcome>,
 ) -> Result<Examined, CalibrateError> {
-    let BoardSolve { mut refined, certainty: uncertainty, board, undetermined, .. } = solve;
+    let BoardSolve { mut refined, certainty: uncertainty, board, undetermined, fixed_values, .. } = solve;
     let certainty = SolveCertainty { uncertainty, board, undetermined };
     // The usual model is what most lenses have. Every other choice rests on the events.
     let models: &[ModelKind] = match task.model() {
@@ -72,6 +72,7 @@ pub(super) fn examine_calibration(
         examine(&refined, certainty, task.board, saturated, scale, models).map_err(CalibrateError::Solve)?;
     refined.events = Vec::new();
     let (mut findings, cross_check) = findings(task, seen, &refined.state, cross_check);
+    findings.extend(fixed_values);
     let good = task.settings.verdict.good;
     findings.extend(event_quality.drift.as_ref().map(|drift| changed::finding_on(task.inputs, drift, good)));
     let camera = &refined.state.camera;

@@ -9,6 +9,7 @@ use super::detected::common_sensor;
 use super::first_model::{FirstModel, model_of};
 use crate::calibrate::findings::orientation;
 use crate::calibrate::solves::board_solve::BoardSolve;
+use crate::calibrate::solves::fixed_values::contradicted_by_pictures;
 use crate::picture_calibration::alignment::{Misalignment, misalignment};
 use crate::picture_calibration::calibration::{
     NoPictureCalibration, PictureCalibration, PictureReport, PictureSource, calibrate_pictures,
@@ -370,6 +371,7 @@ pub(super) fn calibrate_seen(
     let mut quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
     let mut findings = Vec::from_iter(orientation::finding_on(task.board, sensor));
     findings.extend(task.board_finding.cloned());
+    findings.extend(contradicted_by_pictures(task, &calibration, sensor));
     if let Some(finding) = take_uneven_board(task, &mut calibration, sensor, quality.projection.rms) {
         findings.push(finding);
         quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;

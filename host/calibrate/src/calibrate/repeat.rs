@@ -20,6 +20,9 @@ use evcal_solve::initial::model_choice::ModelRequest;
 use event_recordings::given_sensor::{OtherSensor, check_outside, check_stated};
 use event_recordings::{Recording, RecordingError};
 
+/// Shortest recording, in parts. In shorter ones all parts are nearly the same.
+const LEAST_PARTS: f64 = 1.25;
+
 /// Number, length and random seed of the parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RepeatSettings {
@@ -103,8 +106,8 @@ pub enum RepeatError {
         /// Reason why the first part without a camera failed.
         first: Option<String>,
     },
-    /// It is shorter than a part.
-    #[error("the recording is {duration:.1} s long: parts of {seconds} s cannot be taken from it; {}",
+    /// It is hardly longer than a part.
+    #[error("the recording is {duration:.1} s long: different parts of {seconds} s cannot be taken from it; {}",
         shorter_parts(*.duration).map_or_else(|| "record longer".to_owned(), |seconds| format!("try parts of {seconds:.1} s")))]
     TooShort {
         /// Its length (s).
@@ -130,7 +133,7 @@ pub fn shorter_parts(duration: f64) -> Option<f64> {
 /// chosen automatically, the model of the first part is used for all.
 ///
 /// # Errors
-/// [`RepeatError`] if the recording cannot be read or is shorter than a part, or if fewer than two parts can be calibrated. A
+/// [`RepeatError`] if the recording cannot be read or is hardly longer than a part, or if fewer than two parts can be calibrated. A
 /// part that cannot be calibrated is a [`Run`] with its reason.
 pub fn repeat(
     recording: &Recording,
@@ -142,7 +145,7 @@ pub fn repeat(
     let pass = event_recordings::pass::read_recording(recording, &mut |_| {})?;
     check_outside(recording, &pass.report)?;
     let duration = (pass.last - pass.first) as f64 * 1e-6;
-    if duration < settings.seconds {
+    if duration < LEAST_PARTS * settings.seconds {
         return Err(RepeatError::TooShort { duration, seconds: settings.seconds });
     }
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);

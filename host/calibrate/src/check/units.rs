@@ -57,7 +57,7 @@ fn in_words(rate: f64) -> String {
 /// Returns the more likely unit of the timestamps. Returns `None` if events have a usual `rate` (events per second) over the
 /// whole recording or at its beginning, or the unit was given.
 pub fn unusual_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
-    unit_for(USUAL, recording, rate)
+    recording.options().time_unit.is_none().then(|| unit_for(USUAL, recording, rate))?
 }
 
 /// Does the same as [`unusual_unit`], from the beginning of a recording alone.
@@ -65,7 +65,8 @@ pub fn unusual_beginning(recording: &Recording) -> Option<OtherUnit> {
     unusual_unit(recording, first_rate(recording)?)
 }
 
-/// Does the same as [`unusual_unit`], for a recording in which no board was found: few events over many minutes are reported too.
+/// Does the same as [`unusual_unit`], for a recording in which no board was found: few events over many minutes, and a unit that was
+/// given, are reported too.
 pub fn other_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
     let is_slow = USUAL.contains(&rate) && rate < SLOW && lasts_longer_than(recording, LONG);
     unit_for(if is_slow { SLOW..USUAL.end } else { USUAL }, recording, rate)
@@ -74,7 +75,7 @@ pub fn other_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
 /// Returns the more likely unit if cameras send events at a `usual` rate.
 fn unit_for(usual: Range<f64>, recording: &Recording, rate: f64) -> Option<OtherUnit> {
     // Events at a single time do not determine a rate.
-    if rate <= 0.0 || !rate.is_finite() || recording.options().time_unit.is_some() {
+    if rate <= 0.0 || !rate.is_finite() {
         return None;
     }
     // With a long time without events the total rate is small in any unit, so the rate at the beginning is used.

@@ -49,7 +49,7 @@ pub enum InertialError {
     },
     /// Too few samples were taken while the board was in view.
     #[error(
-        "the board was seen during only {seconds:.1} s of the IMU samples; {needed:.0} s are needed: record longer, with the board in view. If it was seen for longer, the times of the samples have another unit or rate"
+        "the board was seen during only {seconds:.2} s of the IMU samples; {needed:.0} s are needed: record longer, with the board in view. If it was seen for longer, the times of the samples have another unit or rate"
     )]
     TooShort {
         /// Length of the samples (s).

@@ -286,8 +286,10 @@ fn start(
         if report.source == PictureSource::StillViews {
             return Err(PictureFailure::TooFewViews { found, read, required, refused });
         }
-        let advice = match refused.keys().next() {
+        let usual = refused.iter().max_by_key(|(_, count)| **count).map(|(reason, _)| *reason);
+        let advice = match usual {
             None => "record longer".to_owned(),
+            Some(reason) if let Some(advice) = reason.advice_on_print() => advice.to_owned(),
             // If frames have an unsupported encoding, the notes name it.
             Some(NoBoard::UnreadEncoding) if refused.len() == 1 => detection.notes.join("; "),
             Some(_) => "more light, slower motion, the whole board in view".to_owned(),

@@ -91,6 +91,8 @@ pub enum Cause {
     NotOneToOne,
     /// A distortion coefficient is not significantly different from zero.
     ParameterUndetermined,
+    /// The recording contradicts a value that the user fixed.
+    FixedValue,
     /// The lens model leaves a pattern of residuals.
     ModelTooPoor,
     /// Two halves of the recording differ by more than they should.
@@ -291,12 +293,13 @@ pub fn verdict(
     Verdict::new(camera, quality, findings)
 }
 
-/// If the lens or the board changed, or the board is not as described, this is the cause of an uncertain projection, of residuals
-/// and of halves that differ, whatever is recorded: their severity passes to the change, and the others are removed.
+/// If the lens or the board changed, the board is not as described or a fixed value is wrong, this is the cause of an uncertain
+/// projection, of residuals and of halves that differ, whatever is recorded: their severity passes to the change, and the others are removed.
 fn name_the_change(findings: &mut Vec<Finding>) {
     let is_change = |finding: &Finding| {
         let is_of_board = matches!(finding.cause, Cause::BoardChanged | Cause::UnevenBoard | Cause::LengthsDisagree);
-        (is_of_board || finding.cause == Cause::LensChanged) && finding.severity > Severity::Note
+        (is_of_board || matches!(finding.cause, Cause::LensChanged | Cause::FixedValue))
+            && finding.severity > Severity::Note
     };
     let follows =
         |finding: &Finding| matches!(finding.cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);

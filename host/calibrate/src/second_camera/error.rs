@@ -27,7 +27,7 @@ pub enum SecondCameraError {
     },
     /// The common time is too short.
     #[error(
-        "both cameras saw the board for only {seconds:.1} s; {needed:.0} s are needed: record longer, with the board in view of both"
+        "both cameras saw the board for only {seconds:.2} s; {needed:.0} s are needed: record longer, with the board in view of both"
     )]
     TooShort {
         /// Common time (s).

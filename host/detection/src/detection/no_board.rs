@@ -101,6 +101,9 @@ impl NoBoard {
     /// Returns the advice if this is the reason in most windows; `max_interval` is the setting of the windows, `extraction` the
     /// way in which circles were searched.
     pub fn remedy(self, max_interval: u16, extraction: Extraction) -> String {
+        if let Some(advice) = self.advice_on_print() {
+            return advice.to_owned();
+        }
         match self {
             Self::TooFewEvents => {
                 format!("move faster, or set a larger detection.window.max_interval (now {max_interval})")
@@ -114,23 +117,33 @@ impl NoBoard {
             Self::LargerThanBoard | Self::TooFewOfBoard | Self::PlaceUncertain => {
                 "is the board described right: rows and columns, acircles or circles? Of rows with 5, 4, 5, 4 circles only 4 each are used: state 4 columns".to_owned()
             }
-            Self::OtherCheckerboardSize => {
-                "count the inner corners, where four squares meet: one row and one column fewer than squares".to_owned()
-            }
             Self::TooFewCorners | Self::NoCheckerboard => {
                 "is all of the board in view and in focus? Show it for at least a second".to_owned()
             }
-            Self::OtherBorder => "state the border as printed: 1 or 2 modules of the tag".to_owned(),
-            Self::OtherTags => "count rows and columns of tags, measure tag and gap, and see whether ids rise from the top or from the bottom".to_owned(),
             Self::NoTags => "are the family of the tags, their border and their ids stated as printed?".to_owned(),
-            Self::MirroredPrint => "print the board again, not mirrored".to_owned(),
-            Self::Inverted => Exchanged::ADVICE.to_owned(),
-            Self::NotRound => {
-                "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"
-                    .to_owned()
-            }
             _ => "is the board in view and flat, and is it described right?".to_owned(),
         }
+    }
+
+    /// Returns the advice if the board in view is not the stated one, whatever light and motion are; `None` for other reasons.
+    pub fn advice_on_print(self) -> Option<&'static str> {
+        Some(match self {
+            Self::OtherCheckerboardSize => {
+                "count the inner corners, where four squares meet: one row and one column fewer than squares"
+            }
+            Self::OtherBorder => "state the border as printed: 1 or 2 modules of the tag",
+            Self::OtherTags => {
+                "count rows and columns of tags, measure tag and gap, and see whether ids rise from the top or from the bottom"
+            }
+            Self::MirroredPrint => {
+                "correct x or y if the file counts it from the other side, or print the board again, not mirrored"
+            }
+            Self::Inverted => Exchanged::ADVICE,
+            Self::NotRound => {
+                "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"
+            }
+            _ => return None,
+        })
     }
 }
 

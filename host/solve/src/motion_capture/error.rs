@@ -23,7 +23,7 @@ pub enum MotionCaptureError {
     },
     /// The common time is too short.
     #[error(
-        "only {seconds:.1} s of the capture overlap with the camera's trajectory; {needed:.0} s are needed: record longer, with board and markers in view"
+        "only {seconds:.2} s of the capture overlap with the camera's trajectory; {needed:.0} s are needed: record longer, with board and markers in view"
     )]
     TooShort {
         /// Common time (s).

@@ -4,11 +4,13 @@
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use nalgebra::DVector;
 
+use super::fixed_values::contradicted;
 use super::joint_solve::{certainty, refined as refined_from, solve};
 use crate::quality::board_evidence::{BoardEstimate, BoardEvidence};
 use crate::quality::misfit::lens_explains_more;
 use crate::quality::residual_map::residual_map;
 use crate::quality::uncertainty::SolveUncertainty;
+use crate::quality::verdict::Finding;
 use crate::task::Task;
 use crate::task::error::CalibrateError;
 use crate::task::progress::Progress;
@@ -40,6 +42,8 @@ pub(in crate::calibrate) struct BoardSolve {
     pub(in crate::calibrate) with_nominal_board: Option<(Camera<f64>, SolveUncertainty)>,
     /// Indices of the coefficients that the observations do not determine and that were fixed at their expected values.
     pub(in crate::calibrate) undetermined: Vec<usize>,
+    /// Findings on values that the user fixed.
+    pub(in crate::calibrate) fixed_values: Vec<Finding>,
 }
 
 /// Solves from `state` on, with the parameters fixed or estimated as the task requires. Parameters of the board are estimated if
@@ -90,13 +94,14 @@ pub(in crate::calibrate) fn solve_with_board(
             undetermined.clear();
         }
     }
+    let fixed_values = contradicted(task, &with(input, free, fixed), refined.state.clone(), progress)?;
     let camera = with_nominal_board.as_ref().map(|(camera, _)| *camera);
     let board = BoardEstimate::new(&refined, certainty.board_sigma, certainty.board, camera);
-    Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined })
+    Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined, fixed_values })
 }
 
 /// Returns `input` with these estimated parameters of the board and these fixed intrinsics.
-fn with<'a>(
+pub(super) fn with<'a>(
     input: &RefinementInput<'a, CalibrateError>,
     free_board: [bool; PARAMETERS],
     fixed: [bool; MAX_PARAMETERS],

@@ -60,11 +60,11 @@ fn solve_with_pictures(
     solved: BoardSolve,
     progress: &Progress,
 ) -> Result<BoardSolve, CalibrateError> {
-    let BoardSolve { refined, board, with_nominal_board, undetermined, .. } = solved;
+    let BoardSolve { refined, board, with_nominal_board, undetermined, fixed_values, .. } = solved;
     let FreeParameters { board: free_board, intrinsics, .. } = refined.problem.free;
     let fixed = std::array::from_fn(|index| !intrinsics[index] || undetermined.contains(&index));
     let input = RefinementInput { free_board, fixed, ..input };
     let (refined, certainty) = solve(task, &input, refined.into_state(), progress)?;
     let board = BoardEstimate { shape: refined.state.board, sigma: certainty.board_sigma, ..board };
-    Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined })
+    Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined, fixed_values })
 }
