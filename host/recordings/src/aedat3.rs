@@ -18,18 +18,18 @@ mod extras;
 mod packets;
 
 use super::bytes::ByteReader;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, up_to_damage};
 use crate::format::{FileFormat, Head, OpenResult, StreamSummary, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use crate::unsupported_format::UnsupportedFormat;
 use packets::{EVENT, Header, MAGIC, POLARITY, PacketHead, header, is_known, next_head, sensor, time};
 
 /// AEDAT 3.0 and 3.1.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| summarise(path),
-    frames: Some(extras::visit_frames),
+    frames: Some(extras::items),
     extras: Some(extras::open),
     uses: Uses { stream: true, growth: true, ..Uses::NONE },
     ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
@@ -43,7 +43,6 @@ struct Decoder {
     header: Header,
     /// Number of the camera whose events are read.
     source: Option<i16>,
-    information: RecordingInformation,
     /// Height of the sensor, if y counts from below.
     from_below: Option<u16>,
     /// Head of the rest of a packet that has been read in part.
@@ -77,7 +76,8 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let (source, began) = (source.map(|(number, _)| *number), header.began.clone());
     let information = RecordingInformation { format: FORMAT.name, sensor: own_sensor, camera_name, began, notes };
     let (begun, part) = (None, Vec::new());
-    Ok(Box::new(Decoder { file, header, source, information, from_below, begun, part, truncated: None }))
+    let decoder = Decoder { file, header, source, from_below, begun, part, truncated: None };
+    Ok(Opened::new(information, decoder))
 }
 
 /// Returns the requested camera, or the first one.
@@ -96,10 +96,6 @@ fn chosen<'a>(
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let head = match self.begun.take() {
             Some(head) => head,
@@ -148,13 +144,7 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(Vec::new()) };
     file.seek(header.length)?;
     let mut kinds: BTreeMap<(Option<i16>, Option<i16>), StreamSummary> = BTreeMap::new();
-    loop {
-        let head = match next_head(&mut file, &mut None) {
-            Ok(Some(head)) => head,
-            // The reader of the events reports damage.
-            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
-            Err(error) => return Err(error),
-        };
+    while let Some(head) = up_to_damage(next_head(&mut file, &mut None))? {
         let source = Some(head.source).filter(|source| header.sources.len() > 1 && header.names(*source));
         let kind = Some(head.kind).filter(|kind| is_known(*kind));
         let name = || header.name_of(head.kind, head.source);
@@ -304,7 +294,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording");
         std::fs::write(&path, &content).unwrap();
-        let mut decoder = open(&path, &RecordingOptions::default()).unwrap();
+        let mut decoder = open(&path, &RecordingOptions::default()).unwrap().decoder;
         let mut batch = Vec::new();
         assert!(decoder.decode(&mut batch, &mut ReadReport::default()).unwrap());
         assert_eq!(batch.len(), PART as usize / EVENT);

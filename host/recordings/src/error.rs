@@ -316,6 +316,16 @@ impl RecordingError {
         Self { path: path.to_owned(), kind }
     }
 
+    /// Creates an error about a part of the file that violates its format.
+    pub(crate) fn damaged(path: &Path, byte: u64, what: impl Into<String>, usable: Usable) -> Self {
+        Self::new(path, RecordingErrorKind::Damaged { byte, what: what.into(), usable })
+    }
+
+    /// `true` if a part of the file violates its format.
+    pub(crate) fn is_damage(&self) -> bool {
+        matches!(self.kind, RecordingErrorKind::Damaged { .. })
+    }
+
     /// Returns the error as that of a recording without events before the damage.
     pub(crate) fn of_the_start(mut self) -> Self {
         if let RecordingErrorKind::Damaged { usable, .. } = &mut self.kind {
@@ -332,6 +342,11 @@ impl RecordingError {
     pub fn io(path: &Path, error: io::Error) -> Self {
         Self::new(path, RecordingErrorKind::Io(error))
     }
+}
+
+/// Treats damage as the end of the file, where the reader of the events reports the damage.
+pub(crate) fn up_to_damage<T>(read: Result<Option<T>, RecordingError>) -> Result<Option<T>, RecordingError> {
+    read.or_else(|error| if error.is_damage() { Ok(None) } else { Err(error) })
 }
 
 /// Describes a recording without events.

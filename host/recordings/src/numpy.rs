@@ -28,12 +28,11 @@ use super::bytes::share;
 use super::columns::{self, GuessedUnit, PolarityCode};
 use super::counter::TimeCounter;
 use super::numbers::{self, NumberType};
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::format::{FileFormat, OpenResult, Uses};
 use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use table::{Named, Part, Table};
 pub use write::OUTPUT;
 
@@ -125,21 +124,11 @@ fn open(
         let what = "floating-point numbers of 16 bits, or elements that are not numbers";
         return Err(RecordingError::new(path, RecordingErrorKind::Elements { array, what }));
     }
-    let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
+    let information = RecordingInformation { format, sensor, notes, ..RecordingInformation::default() };
     let path = path.to_owned();
     let (counter, count) = (TimeCounter::new(unit), table.count);
-    Ok(Box::new(Decoder {
-        path,
-        information,
-        sources,
-        unit,
-        is_unit_doubtful,
-        code,
-        counter,
-        events: 0,
-        left: count,
-        count,
-    }))
+    let decoder = Decoder { path, sources, unit, code, counter, events: 0, left: count, count };
+    Ok(Opened { is_unit_doubtful, ..Opened::new(information, decoder) })
 }
 
 /// Returns the values of one of the `columns` of the first rows.
@@ -275,10 +264,8 @@ enum Fault {
 
 struct Decoder {
     path: std::path::PathBuf,
-    information: RecordingInformation,
     sources: Vec<Source>,
     unit: TimeUnit,
-    is_unit_doubtful: bool,
     code: PolarityCode,
     counter: TimeCounter,
     /// Number of events read, and number of rows left.
@@ -317,10 +304,6 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let count = self.left.min(rows_at_once(&self.sources));
         let mut fault = None;
@@ -341,19 +324,12 @@ impl Decode for Decoder {
                 report.truncated = Some(truncation);
                 Ok(false)
             }
-            Some(Fault::Damaged { byte, what }) => {
-                let kind = RecordingErrorKind::Damaged { byte, what, usable: Usable::Before };
-                Err(RecordingError::new(&self.path, kind))
-            }
+            Some(Fault::Damaged { byte, what }) => Err(RecordingError::damaged(&self.path, byte, what, Usable::Before)),
             Some(Fault::Io(error)) => Err(RecordingError::io(&self.path, error)),
         }
     }
 
     fn done(&self) -> Option<f64> {
         Some(share(self.count - self.left, self.count))
-    }
-
-    fn is_unit_doubtful(&self) -> bool {
-        self.is_unit_doubtful
     }
 }

@@ -10,11 +10,10 @@ use std::path::Path;
 use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
 use super::{chosen, other_name};
 use crate::bytes::ByteReader;
-use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, ReadExtras, read_or_report, take_until};
+use crate::error::RecordingError;
+use crate::extras::{Extras, Frame, InertialSample, Item, Items, find_streams};
 use crate::format::Head;
 use crate::options::RecordingOptions;
-use crate::pictures::TimedImage;
 
 const FRAMES: i16 = 2;
 const SAMPLES: i16 = 3;
@@ -63,7 +62,7 @@ impl Packets {
         Ok(None)
     }
 
-    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
+    fn read(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
             let head = match self.begun.take() {
                 Some(head) => head,
@@ -86,13 +85,21 @@ impl Packets {
             if self.bytes.first().is_none_or(|flags| flags & 1 == 0) {
                 continue;
             }
-            let extra = match head.kind {
-                FRAMES => frame(&head, &self.bytes).map(|frame| Extra::Frame(upright(frame, self.from_below))),
-                _ => sample(&head, &self.bytes).map(Extra::Inertial),
+            let item = match head.kind {
+                FRAMES => frame(&head, &self.bytes).map(|frame| Item::Frame(upright(frame, self.from_below), None)),
+                _ => sample(&head, &self.bytes).map(Item::Inertial),
             };
             let damaged = || self.file.damaged(head.byte, format!("a packet of {} is damaged", name(head.kind)));
-            return extra.map(Some).ok_or_else(damaged);
+            return item.map(Some).ok_or_else(damaged);
         }
+    }
+}
+
+impl Iterator for Packets {
+    type Item = Result<Item, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.read().transpose()
     }
 }
 
@@ -143,78 +150,26 @@ fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
     })
 }
 
-struct PacketExtras {
-    packets: Packets,
-    next: Option<Extra>,
-    streams: OtherStreams,
-    /// Description of an error in the first element.
-    lost: Vec<String>,
+/// Opens the frames and IMU samples of the file at `path`.
+pub fn items(path: &Path, options: &RecordingOptions) -> Result<Items, RecordingError> {
+    Ok(Box::new(Packets::open(path, options)?))
 }
 
 /// Opens the frames and IMU samples of the file at `path`.
-pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let mut heads = Packets::open(path, options)?;
-    let mut streams = OtherStreams::default();
-    while !(streams.frames && streams.imu) {
-        match heads.next_packet() {
-            Ok(Some(head)) => {
-                streams.frames |= head.kind == FRAMES;
-                streams.imu |= head.kind == SAMPLES;
-                heads.file.seek(heads.file.position() + head.length)?;
-            }
-            // Damage is reported when the packet is read.
-            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
-            Err(error) => return Err(error),
-        }
-    }
-    let mut packets = Packets::open(path, options)?;
-    let mut lost = Vec::new();
-    let next = read_or_report(packets.next(), BOTH, &mut lost);
-    Ok(Box::new(PacketExtras { packets, next, streams, lost }))
-}
-
-impl ReadExtras for PacketExtras {
-    fn streams(&self) -> OtherStreams {
-        self.streams
-    }
-
-    fn first_time(&mut self) -> Option<i64> {
-        self.next.as_ref().map(Extra::start)
-    }
-
-    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        lost.append(&mut self.lost);
-        take_until(&mut self.next, end, lost, || self.packets.next())
-    }
-
-    fn reads(&self, stream: &str) -> bool {
-        let Packets { header: Some(header), source, .. } = &self.packets else { return false };
-        [(FRAMES, self.streams.frames), (SAMPLES, self.streams.imu)]
-            .into_iter()
-            .any(|(kind, is_read)| is_read && stream == other_name(header, kind, source.unwrap_or_default()))
-    }
-}
-
-/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
-pub fn visit_frames(
-    path: &Path,
-    options: &RecordingOptions,
-    visit: &mut dyn FnMut(TimedImage),
-) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut packets = Packets::open(path, options)?;
-    Ok(loop {
-        match packets.next() {
-            Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
-            Ok(Some(Extra::Inertial(_))) => {}
-            Ok(None) => break Ok(()),
-            Err(error) => break Err(error),
-        }
-    })
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
+    let streams = find_streams(items(path, options)?)?;
+    let packets = Packets::open(path, options)?;
+    let name = |kind| {
+        let header = packets.header.as_ref();
+        header.map(|header| other_name(header, kind, packets.source.unwrap_or_default())).unwrap_or_default()
+    };
+    Ok(Extras::new(streams, [FRAMES, SAMPLES].map(name), Box::new(packets)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::extras::{Extra, OtherStreams};
     use crate::{Recording, RecordingOptions, testing};
 
     fn packet(kind: i16, turns: i32, events: &[Vec<u8>]) -> Vec<u8> {
@@ -292,7 +247,7 @@ mod tests {
         let mut lost = Vec::new();
         let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
         assert_eq!((found.as_slice(), lost), (expected.as_slice(), Vec::new()));
-        assert!(extras.reads("frames (2)") && extras.reads("IMU samples (3)") && !extras.reads("events (1)"));
+        assert_eq!(extras.names, ["frames (2)", "IMU samples (3)"]);
         let mut count = 0;
         assert_eq!(recording.visit_frames(|_| count += 1).unwrap(), None);
         assert_eq!(count, 2);
@@ -327,7 +282,7 @@ mod tests {
         let lost = recording.visit_frames(|_| count += 1).unwrap().unwrap();
         assert!(count == 2 && lost.contains("frames is damaged"), "{count} {lost}");
         let mut packets = Packets::open(recording.path(), &RecordingOptions::default()).unwrap();
-        packets.next().unwrap();
+        packets.next().unwrap().unwrap();
         assert_eq!(packets.bytes.len(), good.len());
     }
 

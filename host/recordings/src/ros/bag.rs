@@ -27,7 +27,7 @@ const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 pub const FORMAT: FileFormat = FileFormat {
     output: Some(&BAG_OUTPUT),
     streams: |path, options| events::summarise(open, path, options),
-    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    frames: Some(|path, options| extras::frames(open, path, options)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events(

@@ -20,7 +20,7 @@ use evcal_files::{visible, yaml};
 pub const FORMAT: FileFormat = FileFormat {
     files: |path| std::iter::once(path.join(METADATA)).chain(files(path).unwrap_or_default()).collect(),
     streams: |path, options| events::summarise(open, path, options),
-    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    frames: Some(|path, options| extras::frames(open, path, options)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events("ROS 2 bag", |_| false, |path, options| events::open(FORMAT.name, open, path, options))
