@@ -38,10 +38,11 @@ pub const FORMAT: FileFormat = FileFormat {
 /// Number of bytes of events that are read at a time, because a packet may be as large as its file.
 const PART: u64 = 1 << 18;
 
+/// Reader of the packets of one camera. As an iterator, it returns frames and IMU samples.
 struct Decoder {
     file: ByteReader,
     header: Header,
-    /// Number of the camera whose events are read.
+    /// Number of the camera that is read.
     source: Option<i16>,
     /// Height of the sensor, if y counts from below.
     from_below: Option<u16>,
@@ -52,6 +53,11 @@ struct Decoder {
 }
 
 fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
+    start(path, options).map(|(information, decoder)| Opened::new(information, decoder))
+}
+
+/// Opens the file at its first packet.
+fn start(path: &Path, options: &RecordingOptions) -> Result<(RecordingInformation, Decoder), RecordingError> {
     let mut file = ByteReader::following(path, options.growth.as_ref())?;
     let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
@@ -76,8 +82,7 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let (source, began) = (source.map(|(number, _)| *number), header.began.clone());
     let information = RecordingInformation { format: FORMAT.name, sensor: own_sensor, camera_name, began, notes };
     let (begun, part) = (None, Vec::new());
-    let decoder = Decoder { file, header, source, from_below, begun, part, truncated: None };
-    Ok(Opened::new(information, decoder))
+    Ok((information, Decoder { file, header, source, from_below, begun, part, truncated: None }))
 }
 
 /// Returns the requested camera, or the first one.

@@ -34,6 +34,17 @@ impl Frame {
     pub fn middle(&self) -> i64 {
         self.exposure.map_or(self.t, |(start, end)| start.midpoint(end))
     }
+
+    /// Returns the frame with the highest row first, if its rows and its position count from below. `rows` is the height
+    /// of the sensor; without it the frame is assumed to begin at the lowest row.
+    pub(crate) fn flipped(self, rows: Option<u16>) -> Self {
+        let (column, row) = self.position;
+        let above = row.saturating_add(self.size.1);
+        let row = rows.unwrap_or(above).saturating_sub(above);
+        let length = usize::from(self.size.0) * self.channels;
+        let pixels = self.pixels.chunks_exact(length.max(1)).rev().flatten().copied().collect();
+        Self { position: (column, row), pixels, ..self }
+    }
 }
 
 /// A frame with an unsupported pixel encoding.

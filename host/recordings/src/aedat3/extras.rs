@@ -7,12 +7,10 @@
 
 use std::path::Path;
 
-use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
-use super::{chosen, other_name};
-use crate::bytes::ByteReader;
-use crate::error::RecordingError;
-use crate::extras::{Extras, Frame, InertialSample, Item, Items, find_streams};
-use crate::format::Head;
+use super::packets::{PacketHead, name, next_head, time};
+use super::{Decoder, other_name, start};
+use crate::error::{RecordingError, up_to_damage};
+use crate::extras::{Extras, Frame, InertialSample, Item, Items, OtherStreams};
 use crate::options::RecordingOptions;
 
 const FRAMES: i16 = 2;
@@ -23,38 +21,15 @@ const SAMPLE: usize = 36;
 /// Size limit of a frame or sample in bytes (64 MiB); a larger one is treated as damage.
 const LARGEST: u64 = 1 << 26;
 
-/// Reader of the packets of one camera, which decodes frames and samples.
-struct Packets {
-    file: ByteReader,
-    /// `None` if the header is invalid, which the reader of the events reports.
-    header: Option<Header>,
-    source: Option<i16>,
-    /// Height of the sensor, if rows count from below.
-    from_below: Option<u16>,
-    /// Head of the rest of a packet that has been read in part.
-    begun: Option<PacketHead>,
-    bytes: Vec<u8>,
-}
-
-impl Packets {
-    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        let mut file = ByteReader::open(path)?;
-        let header = header(&Head::read(path)?.bytes);
-        let source = header.as_ref().map(|header| chosen(path, header, options)).transpose()?.flatten();
-        let sensor = options.sensor.or_else(|| sensor(&source?.1));
-        let from_below = sensor.filter(|_| header.as_ref().is_some_and(|header| header.from_below));
-        let from_below = from_below.map(|sensor| sensor.height);
-        let source = source.map(|(number, _)| *number);
-        let start = header.as_ref().map_or(u64::MAX, |header| header.length);
-        file.seek(start.min(file.left()))?;
-        Ok(Self { file, header, source, from_below, begun: None, bytes: Vec::new() })
+impl Decoder {
+    fn upright(&self, frame: Frame) -> Frame {
+        if self.from_below.is_some() { frame.flipped(self.from_below) } else { frame }
     }
 
     /// Returns the head of the next complete packet of frames or samples.
     fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
         while let Some(head) = next_head(&mut self.file, &mut None)?.filter(|head| head.length == head.wanted) {
-            let is_of = |header: &Header| header.is_of(self.source, head.source);
-            if matches!(head.kind, FRAMES | SAMPLES) && self.header.as_ref().is_some_and(is_of) {
+            if matches!(head.kind, FRAMES | SAMPLES) && self.header.is_of(self.source, head.source) {
                 return Ok(Some(head));
             }
             self.file.seek(self.file.position() + head.length)?;
@@ -62,7 +37,7 @@ impl Packets {
         Ok(None)
     }
 
-    fn read(&mut self) -> Result<Option<Item>, RecordingError> {
+    fn next_item(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
             let head = match self.begun.take() {
                 Some(head) => head,
@@ -80,14 +55,14 @@ impl Packets {
                 }
                 continue;
             }
-            self.file.read(&mut self.bytes, head.size)?;
+            self.file.read(&mut self.part, head.size)?;
             self.begun = Some(head.without(head.size));
-            if self.bytes.first().is_none_or(|flags| flags & 1 == 0) {
+            if self.part.first().is_none_or(|flags| flags & 1 == 0) {
                 continue;
             }
             let item = match head.kind {
-                FRAMES => frame(&head, &self.bytes).map(|frame| Item::Frame(upright(frame, self.from_below), None)),
-                _ => sample(&head, &self.bytes).map(Item::Inertial),
+                FRAMES => frame(&head, &self.part).map(|frame| Item::Frame(self.upright(frame), None)),
+                _ => sample(&head, &self.part).map(Item::Inertial),
             };
             let damaged = || self.file.damaged(head.byte, format!("a packet of {} is damaged", name(head.kind)));
             return item.map(Some).ok_or_else(damaged);
@@ -95,11 +70,11 @@ impl Packets {
     }
 }
 
-impl Iterator for Packets {
+impl Iterator for Decoder {
     type Item = Result<Item, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        self.read().transpose()
+        self.next_item().transpose()
     }
 }
 
@@ -128,16 +103,6 @@ fn frame(head: &PacketHead, event: &[u8]) -> Option<Frame> {
     Some(Frame { t, exposure: Some(exposure), readout: Some((start, end)), size, position, channels, pixels })
 }
 
-/// Flips a frame if rows count from below; `from_below` is then the height of the sensor.
-fn upright(mut frame: Frame, from_below: Option<u16>) -> Frame {
-    let Some(height) = from_below else { return frame };
-    let row = usize::from(frame.size.0) * frame.channels;
-    let rows: Vec<&[u8]> = frame.pixels.chunks_exact(row.max(1)).rev().collect();
-    frame.pixels = rows.concat();
-    frame.position.1 = height.saturating_sub(frame.position.1.saturating_add(frame.size.1));
-    frame
-}
-
 fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
     let [_, t, numbers @ ..] = event.first_chunk::<SAMPLE>()?.as_chunks::<4>().0 else { return None };
     let &[ax, ay, az, gx, gy, gz, temperature] = numbers else { return None };
@@ -152,24 +117,32 @@ fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
 
 /// Opens the frames and IMU samples of the file at `path`.
 pub fn items(path: &Path, options: &RecordingOptions) -> Result<Items, RecordingError> {
-    Ok(Box::new(Packets::open(path, options)?))
+    Ok(Box::new(begin(path, options)?))
+}
+
+/// Opens the file at `path` as it is now, even if it is still being written.
+fn begin(path: &Path, options: &RecordingOptions) -> Result<Decoder, RecordingError> {
+    start(path, &RecordingOptions { growth: None, ..options.clone() }).map(|(_, decoder)| decoder)
 }
 
 /// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
-    let streams = find_streams(items(path, options)?)?;
-    let packets = Packets::open(path, options)?;
-    let name = |kind| {
-        let header = packets.header.as_ref();
-        header.map(|header| other_name(header, kind, packets.source.unwrap_or_default())).unwrap_or_default()
-    };
-    Ok(Extras::new(streams, [FRAMES, SAMPLES].map(name), Box::new(packets)))
+    let (mut heads, mut streams) = (begin(path, options)?, OtherStreams::default());
+    while !(streams.frames && streams.imu)
+        && let Some(head) = up_to_damage(heads.next_packet())?
+    {
+        streams.frames |= head.kind == FRAMES;
+        streams.imu |= head.kind == SAMPLES;
+        heads.file.seek(heads.file.position() + head.length)?;
+    }
+    let name = |kind| other_name(&heads.header, kind, heads.source.unwrap_or_default());
+    Ok(Extras::new(streams, [FRAMES, SAMPLES].map(name), items(path, options)?))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::extras::{Extra, OtherStreams};
+    use crate::extras::Extra;
     use crate::{Recording, RecordingOptions, testing};
 
     fn packet(kind: i16, turns: i32, events: &[Vec<u8>]) -> Vec<u8> {
@@ -281,9 +254,9 @@ mod tests {
         let mut count = 0;
         let lost = recording.visit_frames(|_| count += 1).unwrap().unwrap();
         assert!(count == 2 && lost.contains("frames is damaged"), "{count} {lost}");
-        let mut packets = Packets::open(recording.path(), &RecordingOptions::default()).unwrap();
+        let mut packets = begin(recording.path(), &RecordingOptions::default()).unwrap();
         packets.next().unwrap().unwrap();
-        assert_eq!(packets.bytes.len(), good.len());
+        assert_eq!(packets.part.len(), good.len());
     }
 
     /// Damage must not look like the end of the file.

@@ -120,21 +120,10 @@ fn packet(content: &[u8], stream: &Stream, rows: Option<u16>) -> Result<Packet, 
         return inertial_packet(content).map(Packet::Samples);
     }
     Ok(Packet::Picture(match frame(&flatbuffer::root(content, b"FRME")?)? {
-        Ok(frame) if stream.rows_from_below => Item::Frame(flipped(frame, rows), None),
+        Ok(frame) if stream.rows_from_below => Item::Frame(frame.flipped(rows), None),
         Ok(frame) => Item::Frame(frame, None),
         Err(unread) => Item::Unread(unread),
     }))
-}
-
-/// Flips a frame whose rows count from below. `rows` is the height of the sensor; without it the frame is assumed to
-/// begin at the lowest row.
-fn flipped(frame: Frame, rows: Option<u16>) -> Frame {
-    let (column, row) = frame.position;
-    let above = row.saturating_add(frame.size.1);
-    let row = rows.unwrap_or(above).saturating_sub(above);
-    let length = usize::from(frame.size.0) * frame.channels;
-    let pixels = frame.pixels.chunks_exact(length.max(1)).rev().flatten().copied().collect();
-    Frame { position: (column, row), pixels, ..frame }
 }
 
 /// Storage of a frame's pixels.
