@@ -67,19 +67,16 @@ struct Transfers {
 }
 
 fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> OpenResult {
-    if let Some(growth) = &options.growth {
-        // Events appear with their transfer.
-        return Ok(transfers(Messages::follow(path, growth)?, 1, format));
-    }
     // A dump contains a single camera.
-    if options.device.is_some() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
+    if options.device.is_some() && options.growth.is_none() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
         let kind = RecordingErrorKind::NoEffect { option: FormatOption::Device, format: "dump of one camera" };
         return Err(RecordingError::new(path, kind));
     }
-    Ok(transfers(Messages::open(path, options.device)?, BATCH, format))
-}
-
-fn transfers(messages: Messages, batch: usize, format: &'static str) -> Opened {
+    let (messages, batch) = match &options.growth {
+        // Events appear with their transfer.
+        Some(growth) => (Messages::follow(path, growth)?, 1),
+        None => (Messages::open(path, options.device)?, BATCH),
+    };
     let header = messages.header();
     let mut notes = Vec::new();
     if header.registers.is_empty() {
@@ -92,7 +89,7 @@ fn transfers(messages: Messages, batch: usize, format: &'static str) -> Opened {
         began: i64::try_from(header.start_unix_ns / 1000).ok().and_then(date),
         notes,
     };
-    Opened::new(information, Transfers { messages, batch })
+    Ok(Opened::new(information, Transfers { messages, batch }))
 }
 
 impl Decode for Transfers {

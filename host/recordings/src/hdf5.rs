@@ -180,13 +180,7 @@ fn arrange(
         return Err(layout(columns::LayoutError::Named));
     }
     let stated = options.time_unit.or_else(|| table.unit_of_name());
-    let cells = |column: Column| {
-        let index = table.index_of(column);
-        sample.iter().filter_map(move |row| row.get(index?).copied())
-    };
-    let times = || cells(Column::T).filter_map(|cell| cell.value).collect::<Vec<f64>>();
-    let unit = stated.map_or_else(|| columns::unit_from_values(&times(), notes), GuessedUnit::from);
-    let code = PolarityCode::from_values(cells(Column::P), notes);
+    let (unit, code) = columns::unit_and_code(&sample, &table.order(), stated, notes);
     Ok(Arranged { table, unit, code })
 }
 

@@ -112,10 +112,9 @@ fn open(
     options: &RecordingOptions,
 ) -> OpenResult {
     let sample = sample(path, &table)?;
-    let (columns, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) =
+    let (columns, (GuessedUnit { unit, is_doubtful: is_unit_doubtful }, code)) =
         layout(&table, &sample, options, &mut notes)
             .map_err(|error| RecordingError::new(path, RecordingErrorKind::Layout(error)))?;
-    let code = PolarityCode::from_values(cells(&sample, &columns, Column::P), &mut notes);
     let sources = sources(path, &table, columns.as_slice())?;
     let fields = sources.iter().flat_map(|source| &source.fields);
     let unread = fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none());
@@ -131,19 +130,13 @@ fn open(
     Ok(Opened { is_unit_doubtful, ..Opened::new(information, decoder) })
 }
 
-/// Returns the values of one of the `columns` of the first rows.
-fn cells(sample: &[Vec<columns::Cell>], columns: &Columns, column: Column) -> impl Iterator<Item = columns::Cell> {
-    let index = columns.as_slice().iter().position(|other| *other == column);
-    sample.iter().filter_map(move |row| row.get(index?).copied())
-}
-
-/// Determines the columns and the unit of the times.
+/// Determines the columns, the unit of the times, and the numbers for ON and OFF.
 fn layout(
     table: &Table,
     sample: &[Vec<columns::Cell>],
     options: &RecordingOptions,
     notes: &mut Vec<String>,
-) -> Result<(Columns, GuessedUnit), columns::LayoutError> {
+) -> Result<(Columns, (GuessedUnit, PolarityCode)), columns::LayoutError> {
     let named = table.names.as_ref().map(|names| {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         (columns::from_names(&names), names.join(", "))
@@ -158,12 +151,8 @@ fn layout(
         (None, Some(((None, _), names))) => return Err(columns::LayoutError::Names(names)),
         (None, None) => columns::from_values(sample, notes)?,
     };
-    let guess = || {
-        let times: Vec<f64> = cells(sample, &columns, Column::T).filter_map(|cell| cell.value).collect();
-        columns::unit_from_values(&times, notes)
-    };
-    let unit = options.time_unit.or(unit_of_name).map_or_else(guess, GuessedUnit::from);
-    Ok((columns, unit))
+    let guessed = columns::unit_and_code(sample, columns.as_slice(), options.time_unit.or(unit_of_name), notes);
+    Ok((columns, guessed))
 }
 
 /// Reads the first rows.

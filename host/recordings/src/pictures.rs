@@ -1,6 +1,7 @@
 //! Grey images of a recording, with their exposure times.
 
 use crate::extras::{Frame, UnreadFrame};
+use crate::image_file::{ImageFile, Samples};
 
 /// A grey image of 8 bits per pixel.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,6 +38,26 @@ pub fn highest_bits(samples: &[u16]) -> Vec<u8> {
     let highest = samples.iter().copied().max().unwrap_or(0);
     let unused = (16 - highest.leading_zeros()).saturating_sub(8);
     samples.iter().map(|sample| (sample >> unused) as u8).collect()
+}
+
+impl Frame {
+    /// Returns the image of a file as a frame with the timestamp `t` (µs), without alpha; `None` if a side is longer than
+    /// 65535 pixels. Of 16 bits, the highest 8 bits in use are kept.
+    pub(crate) fn of_file(ImageFile { size, channels, samples }: ImageFile, t: i64) -> Option<Self> {
+        let size = (u16::try_from(size.0).ok()?, u16::try_from(size.1).ok()?);
+        let bytes = match samples {
+            Samples::Eight(samples) => samples,
+            Samples::Sixteen(samples) => highest_bits(&samples),
+        };
+        let (channels, pixels) = match channels {
+            1 => (1, bytes),
+            2 => (1, bytes.as_chunks::<2>().0.iter().map(|[grey, _]| *grey).collect()),
+            3 => (3, bytes.as_chunks().0.iter().flat_map(|&[red, green, blue]| [blue, green, red]).collect()),
+            4 => (3, bytes.as_chunks().0.iter().flat_map(|&[red, green, blue, _]| [blue, green, red]).collect()),
+            _ => return None,
+        };
+        Some(Self { t, exposure: None, readout: None, size, position: (0, 0), channels, pixels })
+    }
 }
 
 /// Luma of a coloured pixel, with the weights of ITU-R BT.601.

@@ -168,14 +168,9 @@ impl EventReader {
         })
     }
 
-    /// Limits the pass to events with times in `span`.
-    pub(super) fn limited_to(self, span: Option<Range<i64>>) -> Self {
-        Self { span, ..self }
-    }
-
-    /// Limits the number of events by the size of the files.
-    pub(super) fn of_size(self, bytes: Option<u64>) -> Self {
-        Self { bytes, ..self }
+    /// Limits the pass to events with times in `span`, and their number by the size of the files in bytes.
+    pub(super) fn limited_to(self, span: Option<Range<i64>>, bytes: Option<u64>) -> Self {
+        Self { span, bytes, ..self }
     }
 
     /// Returns each event as soon as it is decoded. Events that are earlier than one before them get its time.

@@ -107,11 +107,15 @@ impl Recording {
 
     /// Returns the paths of all files of this recording, in order of time.
     pub fn files(&self) -> Vec<&Path> {
-        let others = match &self.source {
-            Source::Chain(_, others) => others.as_slice(),
-            _ => &[],
-        };
-        std::iter::once(self.path()).chain(others.iter().map(Self::path)).collect()
+        std::iter::once(self.path()).chain(self.others().iter().map(Self::path)).collect()
+    }
+
+    /// The files that continue the first one.
+    fn others(&self) -> &[Self] {
+        match &self.source {
+            Source::Chain(_, others) => others,
+            Source::File(_) | Source::Memory(_) => &[],
+        }
     }
 
     /// Returns all files that are read, also those in a folder. Empty for a recording in memory, and for one that is
@@ -157,14 +161,6 @@ impl Recording {
         Self { options, source, ..self.clone() }
     }
 
-    /// Returns the first file of a chain as a recording of its own.
-    fn first(&self) -> Self {
-        match &self.source {
-            Source::Chain(format, _) => Self { source: Source::File(format), ..self.clone() },
-            _ => self.clone(),
-        }
-    }
-
     /// Options with which the recording is read.
     pub fn options(&self) -> &RecordingOptions {
         &self.options
@@ -182,7 +178,7 @@ impl Recording {
     /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
         let reader = EventReader::new(&self.path, self.opened()?, &self.options)?;
-        let reader = reader.limited_to(self.span.clone()).of_size(self.files.bytes());
+        let reader = reader.limited_to(self.span.clone(), self.files.bytes());
         // Events of a camera are shown as they arrive; its clock keeps them in order.
         Ok(if self.options.growth.is_some() { reader.without_delay() } else { reader })
     }
@@ -191,12 +187,12 @@ impl Recording {
         Ok(match &self.source {
             Source::File(format) => self.open_file(format)?,
             Source::Memory(events) => MemoryDecoder::open(Arc::clone(events), self.options.sensor),
-            Source::Chain(_, others) => {
+            Source::Chain(format, others) => {
                 let open = |other: &Self| -> OpenFile {
                     let other = other.clone();
                     Box::new(move || other.opened())
                 };
-                ChainDecoder::open(self.first().opened()?, others.iter().map(open))
+                ChainDecoder::open(self.open_file(format)?, others.iter().map(open))
             }
         })
     }
@@ -223,10 +219,8 @@ impl Recording {
     /// When the file cannot be read.
     pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
         let mut streams = (self.format().streams)(&self.path, &self.options)?;
-        if let Source::Chain(_, others) = &self.source {
-            for other in others.iter() {
-                streams.extend(other.streams()?);
-            }
+        for other in self.others() {
+            streams.extend(other.streams()?);
         }
         Ok(streams)
     }
@@ -238,10 +232,8 @@ impl Recording {
     pub fn open_extras(&self) -> Result<Extras, RecordingError> {
         let Some(open) = self.format().extras else { return Ok(Extras::default()) };
         let mut extras = open(&self.path, &self.options)?;
-        if let Source::Chain(_, others) = &self.source {
-            for other in others.iter() {
-                extras = extras.followed_by(other.open_extras()?);
-            }
+        for other in self.others() {
+            extras = extras.followed_by(other.open_extras()?);
         }
         Ok(extras)
     }
@@ -253,12 +245,9 @@ impl Recording {
     /// When the file cannot be opened.
     pub fn visit_frames(&self, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, RecordingError> {
         let Some(frames) = self.format().frames else { return Ok(None) };
-        let mut end = visit_frames(frames(&self.path, &self.options)?, &self.path, &mut visit);
-        if let Source::Chain(_, others) = &self.source {
-            for other in others.iter() {
-                let items = frames(&other.path, &other.options)?;
-                end = end.and(visit_frames(items, &other.path, &mut visit));
-            }
+        let mut end = Ok(());
+        for file in std::iter::once(self).chain(self.others()) {
+            end = end.and(visit_frames(frames(&file.path, &file.options)?, &file.path, &mut visit));
         }
         Ok(end.err().map(|error| match error.kind {
             RecordingErrorKind::FrameEncoding { .. } => error.to_string(),

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
-use usb_davis::protocol::{ImuSample, Message, Shutter};
+use usb_davis::protocol::{Message, Shutter};
 
 use super::{FRAMES, INERTIAL, Messages};
 use crate::error::RecordingError;
@@ -76,16 +76,12 @@ fn item(message: &Message<'_>, shift: i64) -> Option<Item> {
             };
             Some(Item::Frame(frame, reason))
         }
-        Message::Imu(sample) => Some(Item::Inertial(inertial_sample(sample, time(sample.time)))),
+        Message::Imu(sample) => Some(Item::Inertial(InertialSample {
+            t: time(sample.time),
+            temperature: sample.temperature_celsius().unwrap_or(0.0),
+            acceleration: sample.acceleration_g().unwrap_or_default(),
+            angular_velocity: sample.angular_velocity_degrees().unwrap_or_default(),
+        })),
         _ => None,
-    }
-}
-
-fn inertial_sample(sample: &ImuSample, t: i64) -> InertialSample {
-    InertialSample {
-        t,
-        temperature: sample.temperature_celsius().unwrap_or(0.0),
-        acceleration: sample.acceleration_g().unwrap_or_default(),
-        angular_velocity: sample.angular_velocity_degrees().unwrap_or_default(),
     }
 }

@@ -161,7 +161,8 @@ fn damaged(path: &Path, error: &Error) -> RecordingError {
 
 #[cfg(test)]
 mod tests {
-    use super::super::structure::{Number, group, shaped, superblock};
+    use super::super::structure::tests::shaped;
+    use super::super::structure::{Number, group, superblock};
     use crate::extras::Extra;
     use crate::{Damage, Recording, RecordingOptions};
 

@@ -8,8 +8,10 @@ use std::path::{Path, PathBuf};
 
 use yaml_rust2::Yaml;
 
+use super::bag::Bag;
 use super::container::{Container, MessageHead, OpenContainer, Topic};
-use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
+use super::mcap::Mcap;
+use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, chunked, db3, events, extras};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Head, Uses};
 use crate::read_report::Truncation;
@@ -55,7 +57,7 @@ pub fn opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
 
 fn file_opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
     const FILES: [(&FileFormat, OpenContainer); 3] =
-        [(&BAG_FORMAT, bag::open), (&MCAP_FORMAT, mcap::open), (&DB3_FORMAT, db3::open)];
+        [(&BAG_FORMAT, chunked::open::<Bag>), (&MCAP_FORMAT, chunked::open::<Mcap>), (&DB3_FORMAT, db3::open)];
     let head = Head::read(path)?;
     Ok(FILES.into_iter().find(|(format, _)| (format.recognise)(&head)).map(|(_, open)| open))
 }
