@@ -18,7 +18,7 @@ mod extras;
 mod packets;
 
 use super::bytes::ByteReader;
-use crate::error::{RecordingError, RecordingErrorKind, up_to_damage};
+use crate::error::{RecordingError, RecordingErrorKind, Usable, up_to_damage};
 use crate::format::{FileFormat, Head, OpenResult, StreamSummary, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
@@ -53,36 +53,38 @@ struct Decoder {
 }
 
 fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
-    start(path, options).map(|(information, decoder)| Opened::new(information, decoder))
-}
-
-/// Opens the file at its first packet.
-fn start(path: &Path, options: &RecordingOptions) -> Result<(RecordingInformation, Decoder), RecordingError> {
-    let mut file = ByteReader::following(path, options.growth.as_ref())?;
-    let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
+    let no_end = || RecordingError::damaged(path, 0, "the header has no end", Usable::Before);
+    let decoder = start(path, options)?.ok_or_else(no_end)?;
+    let header = &decoder.header;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
         let kind = RecordingErrorKind::Unsupported(UnsupportedFormat::Aedat3Compressed);
         return Err(RecordingError::new(path, kind));
     }
-    file.seek(header.length)?;
-    let source = chosen(path, &header, options)?;
-    let camera_name = source.map(|(_, name)| name.clone());
-    let own_sensor = camera_name.as_deref().and_then(sensor);
-    let from_below = match (header.from_below, options.sensor.or(own_sensor)) {
-        (false, _) => None,
-        (true, Some(sensor)) => Some(sensor.height),
-        (true, None) => return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown)),
-    };
+    if header.from_below && decoder.from_below.is_none() {
+        return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown));
+    }
+    let source = chosen(path, header, options)?;
     let notes = match source {
         Some((number, name)) if header.sources.len() > 1 => {
             vec![format!("the events of {number} {name} are read; the file contains {}", header.list())]
         }
         _ => Vec::new(),
     };
-    let (source, began) = (source.map(|(number, _)| *number), header.began.clone());
-    let information = RecordingInformation { format: FORMAT.name, sensor: own_sensor, camera_name, began, notes };
-    let (begun, part) = (None, Vec::new());
-    Ok((information, Decoder { file, header, source, from_below, begun, part, truncated: None }))
+    let (camera_name, began) = (source.map(|(_, name)| name.clone()), header.began.clone());
+    let sensor = camera_name.as_deref().and_then(sensor);
+    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began, notes };
+    Ok(Opened::new(information, decoder))
+}
+
+/// Opens the file at its first packet; `None` if the header has no end.
+fn start(path: &Path, options: &RecordingOptions) -> Result<Option<Decoder>, RecordingError> {
+    let mut file = ByteReader::following(path, options.growth.as_ref())?;
+    let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(None) };
+    file.seek(header.length)?;
+    let source = chosen(path, &header, options)?;
+    let sensor = options.sensor.or_else(|| sensor(&source?.1)).filter(|_| header.from_below);
+    let (source, from_below) = (source.map(|(number, _)| *number), sensor.map(|sensor| sensor.height));
+    Ok(Some(Decoder { file, header, source, from_below, begun: None, part: Vec::new(), truncated: None }))
 }
 
 /// Returns the requested camera, or the first one.

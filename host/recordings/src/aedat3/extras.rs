@@ -39,13 +39,11 @@ impl Decoder {
 
     fn next_item(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
-            let head = match self.begun.take() {
-                Some(head) => head,
-                None => match self.next_packet()? {
-                    Some(head) => head,
-                    None => return Ok(None),
-                },
+            let begun = match self.begun.take() {
+                None => self.next_packet()?,
+                begun => begun,
             };
+            let Some(head) = begun else { return Ok(None) };
             if head.size == 0 || head.size > head.length || head.size > LARGEST {
                 self.file.seek(self.file.position() + head.length)?;
                 if head.size > LARGEST && head.length > 0 {
@@ -115,19 +113,20 @@ fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
     })
 }
 
-/// Opens the frames and IMU samples of the file at `path`.
+/// Opens the frames and IMU samples of the file at `path`. The reader of the events reports an invalid header.
 pub fn items(path: &Path, options: &RecordingOptions) -> Result<Items, RecordingError> {
-    Ok(Box::new(begin(path, options)?))
+    Ok(Box::new(begin(path, options)?.into_iter().flatten()))
 }
 
 /// Opens the file at `path` as it is now, even if it is still being written.
-fn begin(path: &Path, options: &RecordingOptions) -> Result<Decoder, RecordingError> {
-    start(path, &RecordingOptions { growth: None, ..options.clone() }).map(|(_, decoder)| decoder)
+fn begin(path: &Path, options: &RecordingOptions) -> Result<Option<Decoder>, RecordingError> {
+    start(path, &RecordingOptions { growth: None, ..options.clone() })
 }
 
 /// Opens the frames and IMU samples of the file at `path`.
 pub fn open(path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
-    let (mut heads, mut streams) = (begin(path, options)?, OtherStreams::default());
+    let Some(mut heads) = begin(path, options)? else { return Ok(Extras::default()) };
+    let mut streams = OtherStreams::default();
     while !(streams.frames && streams.imu)
         && let Some(head) = up_to_damage(heads.next_packet())?
     {
@@ -254,7 +253,7 @@ mod tests {
         let mut count = 0;
         let lost = recording.visit_frames(|_| count += 1).unwrap().unwrap();
         assert!(count == 2 && lost.contains("frames is damaged"), "{count} {lost}");
-        let mut packets = begin(recording.path(), &RecordingOptions::default()).unwrap();
+        let mut packets = begin(recording.path(), &RecordingOptions::default()).unwrap().unwrap();
         packets.next().unwrap().unwrap();
         assert_eq!(packets.part.len(), good.len());
     }

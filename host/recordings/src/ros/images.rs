@@ -122,9 +122,8 @@ impl ImageTopic {
     fn read(&self, visit: &mut dyn FnMut(Frame) -> bool) -> Result<Option<String>, RecordingError> {
         let mut container = (self.open)(&self.path)?;
         while let Some(MessageHead { topic, byte, .. }) = container.next_readable(self.damage)? {
-            let Some(topic) = container.topics().get(topic).filter(|topic| is_images(topic, &self.topic)) else {
-                continue;
-            };
+            let is_wanted = |topic: &&Topic| topic.kind.contains_images() && topic.name == self.topic;
+            let Some(topic) = container.topics().get(topic).filter(is_wanted) else { continue };
             match picture::frame(topic.kind, topic.wire, container.message()) {
                 Ok(Some(frame)) => {
                     if !visit(frame) {
@@ -146,10 +145,6 @@ impl ImageTopic {
         let cut_off = |cut: &crate::Truncation| format!("{}: {}", self.name(), cut.lost);
         Ok(container.truncated().map(cut_off))
     }
-}
-
-fn is_images(topic: &Topic, name: &str) -> bool {
-    topic.kind.contains_images() && topic.name == name
 }
 
 /// Returns the topics of a file that have messages. Stops as soon as the `wanted` topic is found, or a topic of events
