@@ -122,7 +122,7 @@ impl Decode for EventDecoder {
             }
             match self.decode_packet(&head, batch) {
                 Ok(()) => {}
-                Err(error) if self.damage.skips(&error) => report.damaged_packets += 1,
+                Err(error) if error.is_skipped(self.damage) => report.damaged_packets += 1,
                 Err(error) => return Err(error),
             }
         }

@@ -9,7 +9,7 @@ use usb_davis::capture::CaptureError;
 
 use super::columns::LayoutError;
 use super::counted::counted;
-use super::options::{FormatOption, TimeUnit};
+use super::options::{Damage, FormatOption, TimeUnit};
 use super::text::error::LineError;
 use super::unsupported_format::UnsupportedFormat;
 
@@ -324,6 +324,11 @@ impl RecordingError {
     /// `true` if a part of the file violates its format.
     pub(crate) fn is_damage(&self) -> bool {
         matches!(self.kind, RecordingErrorKind::Damaged { .. })
+    }
+
+    /// `true` if this is damage that is to be skipped.
+    pub(crate) fn is_skipped(&self, damage: Damage) -> bool {
+        damage == Damage::Skip && self.is_damage()
     }
 
     /// Returns the error as that of a recording without events before the damage.

@@ -6,7 +6,6 @@ use std::path::Path;
 use super::counted::counted;
 use crate::error::{RecordingError, RecordingErrorKind, up_to_damage};
 use crate::options::Damage;
-use crate::pictures::{NoImage, TimedImage};
 use crate::read_report::ReadReport;
 
 /// An image from the camera's frame sensor.
@@ -54,6 +53,19 @@ pub struct UnreadFrame {
     pub t: i64,
     /// Name of the encoding, such as `32FC1`.
     pub encoding: String,
+}
+
+/// Reason why an image cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoImage {
+    /// Its rows were exposed at different times.
+    RollingShutter,
+    /// Columns were lost in transmission.
+    LostColumns,
+    /// It is neither grey nor coloured.
+    NotGrey,
+    /// Its pixel encoding is not supported.
+    UnreadEncoding,
 }
 
 /// One reading of the IMU, in camera axes.
@@ -146,7 +158,7 @@ impl Item {
     /// # Errors
     /// Returns any other `error`.
     pub fn skipped(error: RecordingError, damage: Damage) -> Result<Self, RecordingError> {
-        if damage.skips(&error) { Ok(Self::Skipped) } else { Err(error) }
+        if error.is_skipped(damage) { Ok(Self::Skipped) } else { Err(error) }
     }
 }
 
@@ -165,26 +177,6 @@ pub fn find_streams(mut items: Items) -> Result<OtherStreams, RecordingError> {
         }
     }
     Ok(streams)
-}
-
-/// Passes the frames among `items`, which are of the file at `path`, to `visit`.
-///
-/// # Errors
-/// If the frames ended early, or some have an unsupported encoding.
-pub fn visit_frames(items: Items, path: &Path, visit: &mut dyn FnMut(TimedImage)) -> Result<(), RecordingError> {
-    let mut unread = UnreadFrames::default();
-    for item in items {
-        match item? {
-            Item::Frame(frame, None) => visit(frame.into()),
-            Item::Frame(frame, Some(reason)) => visit(TimedImage { image: Err(reason), ..frame.into() }),
-            Item::Unread(frame) => {
-                visit((&frame).into());
-                unread.add(frame);
-            }
-            Item::Inertial(_) | Item::Skipped => {}
-        }
-    }
-    unread.error(path).map_or(Ok(()), Err)
 }
 
 /// Reader of the frames and IMU samples of a recording, in order of time. The default has none.

@@ -8,8 +8,6 @@ use std::str::FromStr;
 use usb_davis::capture::DeviceAddress;
 use usb_davis::dump::Growth;
 
-use crate::error::RecordingError;
-
 /// Options for reading a recording. By default everything is taken from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingOptions {
@@ -38,13 +36,6 @@ pub enum Damage {
     Refuse,
     /// Skip it, count it, and continue.
     Skip,
-}
-
-impl Damage {
-    /// `true` if `error` is damage that is to be skipped.
-    pub(crate) fn skips(self, error: &RecordingError) -> bool {
-        self == Self::Skip && error.is_damage()
-    }
 }
 
 /// One of the [`RecordingOptions`] that apply only to some formats.

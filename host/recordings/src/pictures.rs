@@ -1,6 +1,10 @@
 //! Grey images of a recording, with their exposure times.
 
-use crate::extras::{Frame, UnreadFrame};
+use std::path::Path;
+
+use crate::error::RecordingError;
+pub use crate::extras::NoImage;
+use crate::extras::{Frame, Item, Items, UnreadFrame, UnreadFrames};
 use crate::image_file::{ImageFile, Samples};
 
 /// A grey image of 8 bits per pixel.
@@ -80,17 +84,24 @@ pub struct TimedImage {
     pub image: Result<GreyImage, NoImage>,
 }
 
-/// Reason why an image cannot be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoImage {
-    /// Its rows were exposed at different times.
-    RollingShutter,
-    /// Columns were lost in transmission.
-    LostColumns,
-    /// It is neither grey nor coloured.
-    NotGrey,
-    /// Its pixel encoding is not supported.
-    UnreadEncoding,
+/// Passes the frames among `items`, which are of the file at `path`, to `visit`.
+///
+/// # Errors
+/// If the frames ended early, or some have an unsupported encoding.
+pub fn visit_frames(items: Items, path: &Path, visit: &mut dyn FnMut(TimedImage)) -> Result<(), RecordingError> {
+    let mut unread = UnreadFrames::default();
+    for item in items {
+        match item? {
+            Item::Frame(frame, None) => visit(frame.into()),
+            Item::Frame(frame, Some(reason)) => visit(TimedImage { image: Err(reason), ..frame.into() }),
+            Item::Unread(frame) => {
+                visit((&frame).into());
+                unread.add(frame);
+            }
+            Item::Inertial(_) | Item::Skipped => {}
+        }
+    }
+    unread.error(path).map_or(Ok(()), Err)
 }
 
 impl From<&UnreadFrame> for TimedImage {

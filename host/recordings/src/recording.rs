@@ -12,13 +12,13 @@ use usb_davis::dump::Growth;
 use crate::chain::{ChainDecoder, OpenFile};
 use crate::doubtful_unit::{impossible_rate, note_correction};
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{Extras, visit_frames};
+use crate::extras::Extras;
 use crate::files::Files;
 use crate::format::{FileFormat, HEAD_LENGTH, OpenResult, StreamSummary};
 use crate::formats::format_of;
 use crate::memory::{self, MemoryDecoder};
 use crate::options::{RecordingOptions, TimeUnit};
-use crate::pictures::TimedImage;
+use crate::pictures::{TimedImage, visit_frames};
 use crate::reader::EventReader;
 use crate::ros;
 

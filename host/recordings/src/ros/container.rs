@@ -86,7 +86,7 @@ pub trait Container: Send {
     fn next_readable(&mut self, damage: Damage) -> Result<Option<MessageHead>, RecordingError> {
         loop {
             match self.next() {
-                Err(error) if damage.skips(&error) => {}
+                Err(error) if error.is_skipped(damage) => {}
                 read => return read,
             }
         }

@@ -194,8 +194,8 @@ impl Decode for Decoder {
             match self.next_message(batch, report) {
                 Ok(there_is) => more = there_is,
                 // The rest of the file cannot be read, which is reported as truncation.
-                Err(error) if self.damage.skips(&error) && was_whole && self.container.truncated().is_some() => {}
-                Err(error) if self.damage.skips(&error) => report.damaged_packets += 1,
+                Err(error) if error.is_skipped(self.damage) && was_whole && self.container.truncated().is_some() => {}
+                Err(error) if error.is_skipped(self.damage) => report.damaged_packets += 1,
                 Err(error) => return Err(error),
             }
         }
