@@ -25,17 +25,16 @@ use evcal_core::sensor::Sensor;
 use super::bytes::ByteReader;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, OpenResult, StreamSummary, Uses};
-use crate::options::FormatOption;
-use crate::options::RecordingOptions;
+use crate::options::{FormatOption, RecordingOptions};
 use crate::read_report::ReadReport;
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use header::{Header, Ranges};
 
 const MAGIC: &[u8] = b"#!AER-DAT2.0";
 
 /// AEDAT 2.0.
 pub const FORMAT: FileFormat = FileFormat {
-    frames: Some(extras::visit_frames),
+    frames: Some(extras::items),
     extras: Some(extras::open),
     streams: summarise,
     uses: Uses { stream: true, growth: true, ..Uses::NONE },
@@ -145,7 +144,6 @@ fn several(
 
 struct Decoder {
     file: ByteReader,
-    information: RecordingInformation,
     layout: Layout,
     block: Vec<u8>,
     clock: Clock,
@@ -217,7 +215,8 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
         began: created,
         notes: note.into_iter().collect(),
     };
-    Ok(Box::new(Decoder { file, information, layout, block: Vec::new(), clock: Clock::default(), others: [0; 4] }))
+    let decoder = Decoder { file, layout, block: Vec::new(), clock: Clock::default(), others: [0; 4] };
+    Ok(Opened::new(information, decoder))
 }
 
 /// Counts the events of each camera, if there are several.
@@ -279,10 +278,6 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut block = std::mem::take(&mut self.block);
         let more = self.file.read_records::<RECORD>(&mut block, BLOCK, report)?;

@@ -18,18 +18,18 @@ mod extras;
 mod packets;
 
 use super::bytes::ByteReader;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable, up_to_damage};
 use crate::format::{FileFormat, Head, OpenResult, StreamSummary, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use crate::unsupported_format::UnsupportedFormat;
 use packets::{EVENT, Header, MAGIC, POLARITY, PacketHead, header, is_known, next_head, sensor, time};
 
 /// AEDAT 3.0 and 3.1.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, _| summarise(path),
-    frames: Some(extras::visit_frames),
+    frames: Some(extras::items),
     extras: Some(extras::open),
     uses: Uses { stream: true, growth: true, ..Uses::NONE },
     ..FileFormat::of_events("AEDAT 3", |head| head.bytes.starts_with(MAGIC), open)
@@ -38,12 +38,12 @@ pub const FORMAT: FileFormat = FileFormat {
 /// Number of bytes of events that are read at a time, because a packet may be as large as its file.
 const PART: u64 = 1 << 18;
 
+/// Reader of the packets of one camera. As an iterator, it returns frames and IMU samples.
 struct Decoder {
     file: ByteReader,
     header: Header,
-    /// Number of the camera whose events are read.
+    /// Number of the camera that is read.
     source: Option<i16>,
-    information: RecordingInformation,
     /// Height of the sensor, if y counts from below.
     from_below: Option<u16>,
     /// Head of the rest of a packet that has been read in part.
@@ -53,31 +53,38 @@ struct Decoder {
 }
 
 fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
-    let mut file = ByteReader::following(path, options.growth.as_ref())?;
-    let header = header(&Head::read(path)?.bytes).ok_or_else(|| file.damaged(0, "the header has no end"))?;
+    let no_end = || RecordingError::damaged(path, 0, "the header has no end", Usable::Before);
+    let decoder = start(path, options)?.ok_or_else(no_end)?;
+    let header = &decoder.header;
     if header.encoding.as_deref().is_some_and(|encoding| encoding != "RAW") {
         let kind = RecordingErrorKind::Unsupported(UnsupportedFormat::Aedat3Compressed);
         return Err(RecordingError::new(path, kind));
     }
-    file.seek(header.length)?;
-    let source = chosen(path, &header, options)?;
-    let camera_name = source.map(|(_, name)| name.clone());
-    let own_sensor = camera_name.as_deref().and_then(sensor);
-    let from_below = match (header.from_below, options.sensor.or(own_sensor)) {
-        (false, _) => None,
-        (true, Some(sensor)) => Some(sensor.height),
-        (true, None) => return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown)),
-    };
+    if header.from_below && decoder.from_below.is_none() {
+        return Err(RecordingError::new(path, RecordingErrorKind::ChipUnknown));
+    }
+    let source = chosen(path, header, options)?;
     let notes = match source {
         Some((number, name)) if header.sources.len() > 1 => {
             vec![format!("the events of {number} {name} are read; the file contains {}", header.list())]
         }
         _ => Vec::new(),
     };
-    let (source, began) = (source.map(|(number, _)| *number), header.began.clone());
-    let information = RecordingInformation { format: FORMAT.name, sensor: own_sensor, camera_name, began, notes };
-    let (begun, part) = (None, Vec::new());
-    Ok(Box::new(Decoder { file, header, source, information, from_below, begun, part, truncated: None }))
+    let (camera_name, began) = (source.map(|(_, name)| name.clone()), header.began.clone());
+    let sensor = camera_name.as_deref().and_then(sensor);
+    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began, notes };
+    Ok(Opened::new(information, decoder))
+}
+
+/// Opens the file at its first packet; `None` if the header has no end.
+fn start(path: &Path, options: &RecordingOptions) -> Result<Option<Decoder>, RecordingError> {
+    let mut file = ByteReader::following(path, options.growth.as_ref())?;
+    let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(None) };
+    file.seek(header.length)?;
+    let source = chosen(path, &header, options)?;
+    let sensor = options.sensor.or_else(|| sensor(&source?.1)).filter(|_| header.from_below);
+    let (source, from_below) = (source.map(|(number, _)| *number), sensor.map(|sensor| sensor.height));
+    Ok(Some(Decoder { file, header, source, from_below, begun: None, part: Vec::new(), truncated: None }))
 }
 
 /// Returns the requested camera, or the first one.
@@ -96,10 +103,6 @@ fn chosen<'a>(
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let head = match self.begun.take() {
             Some(head) => head,
@@ -148,13 +151,7 @@ fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let Some(header) = header(&Head::read(path)?.bytes) else { return Ok(Vec::new()) };
     file.seek(header.length)?;
     let mut kinds: BTreeMap<(Option<i16>, Option<i16>), StreamSummary> = BTreeMap::new();
-    loop {
-        let head = match next_head(&mut file, &mut None) {
-            Ok(Some(head)) => head,
-            // The reader of the events reports damage.
-            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
-            Err(error) => return Err(error),
-        };
+    while let Some(head) = up_to_damage(next_head(&mut file, &mut None))? {
         let source = Some(head.source).filter(|source| header.sources.len() > 1 && header.names(*source));
         let kind = Some(head.kind).filter(|kind| is_known(*kind));
         let name = || header.name_of(head.kind, head.source);
@@ -304,7 +301,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording");
         std::fs::write(&path, &content).unwrap();
-        let mut decoder = open(&path, &RecordingOptions::default()).unwrap();
+        let mut decoder = open(&path, &RecordingOptions::default()).unwrap().decoder;
         let mut batch = Vec::new();
         assert!(decoder.decode(&mut batch, &mut ReadReport::default()).unwrap());
         assert_eq!(batch.len(), PART as usize / EVENT);

@@ -4,9 +4,8 @@
 //! is the FlatBuffer `EVTS { elements: [Event] }`; an event has 16 bytes: i64 time in µs since 1970, i16 x, i16 y, u8
 //! ON, 3 unused bytes, all little-endian.
 
-mod extras;
 pub mod header;
-pub mod other_streams;
+mod other_streams;
 pub mod packets;
 pub mod write;
 
@@ -22,30 +21,26 @@ use header::{Header, MAGIC, Stream};
 use packets::{PacketHead, PacketReader};
 pub use write::{OUTPUT, OUTPUT_UNCOMPRESSED, OUTPUT_ZSTANDARD};
 
-use super::extras::ReadExtras;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Uses};
+use crate::format::{FileFormat, OpenResult, Uses};
 use crate::options::{Damage, RecordingOptions};
 use crate::read_report::ReadReport;
-use crate::reader::{Decode, MAX_SENSOR_SIZE, RecordingInformation};
+use crate::reader::{Decode, MAX_SENSOR_SIZE, Opened, RecordingInformation};
+use other_streams::{FRAMES, StreamItems};
 
 /// AEDAT4.
 pub const FORMAT: FileFormat = FileFormat {
     name: "AEDAT4",
     recognise: |head| head.bytes.starts_with(MAGIC),
-    events: |path, options| Ok(Box::new(EventDecoder::open(path, options)?)),
+    events: EventDecoder::open,
     files: |path| vec![path.to_owned()],
     streams: |path, _| other_streams::summarise(path),
-    frames: Some(other_streams::visit_frames),
-    extras: Some(open_extras),
+    frames: Some(|path, options| Ok(Box::new(StreamItems::open(path, options, FRAMES)?))),
+    extras: Some(other_streams::open_extras),
     transfers: None,
     output: Some(&OUTPUT),
     uses: Uses { stream: true, growth: true, ..Uses::NONE },
 };
-
-fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    Ok(Box::new(extras::Aedat4Extras::open(path, options)?))
-}
 
 /// Type identifier of a stream of events.
 const EVENTS: &str = "EVTS";
@@ -61,11 +56,10 @@ struct EventDecoder {
     /// Height of the sensor in pixels, if rows count from below.
     from_below: Option<u16>,
     damage: Damage,
-    information: RecordingInformation,
 }
 
 impl EventDecoder {
-    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
+    fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
         let packets = PacketReader::following(path, options.growth.clone())?;
         let header = packets.header();
         let mut notes = Vec::new();
@@ -89,7 +83,8 @@ impl EventDecoder {
         let names = header.streams.iter().rev().map(|stream| (stream.id, describe(stream))).collect();
         let camera_name = stream.source.clone();
         let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: None, notes };
-        Ok(Self { stream: stream.id, names, from_below, damage: options.damage, information, packets })
+        let decoder = Self { stream: stream.id, names, from_below, damage: options.damage, packets };
+        Ok(Opened::new(information, decoder))
     }
 
     /// Decodes the packet `head` and appends its events.
@@ -109,10 +104,6 @@ impl EventDecoder {
 }
 
 impl Decode for EventDecoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < BATCH {
             // Events of a file that is still being written are returned packet by packet.
@@ -129,12 +120,10 @@ impl Decode for EventDecoder {
                 *report.other_packets.entry(name.to_owned()).or_default() += 1;
                 continue;
             }
-            match (self.decode_packet(&head, batch), self.damage) {
-                (Ok(()), _) => {}
-                (Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }), Damage::Skip) => {
-                    report.damaged_packets += 1;
-                }
-                (Err(error), _) => return Err(error),
+            match self.decode_packet(&head, batch) {
+                Ok(()) => {}
+                Err(error) if error.is_skipped(self.damage) => report.damaged_packets += 1,
+                Err(error) => return Err(error),
             }
         }
         Ok(true)
@@ -237,6 +226,7 @@ mod tests {
     use super::write::{event_packet, header, pack};
     use super::*;
     use crate::Recording;
+    use crate::extras::Item;
 
     /// Writes a file with the streams 0 "events", 1 "frames" and 2 "more" (events of another camera) and these packets,
     /// without a closing table.
@@ -399,7 +389,8 @@ mod tests {
             assert_eq!(outcome.events.iter().map(|event| event.y).collect::<Vec<_>>(), [259, 0]);
             assert_eq!(outcome.report.out_of_range, 1);
             assert!(outcome.notes.iter().any(|note| note.contains("jAER")), "{:?}", outcome.notes);
-            let frame = other_streams::FrameReader::open(&path, &options).unwrap().next_frame().unwrap().unwrap();
+            let first = StreamItems::open(&path, &options, FRAMES).unwrap().next().unwrap().unwrap();
+            let Item::Frame(frame, None) = first else { panic!("a frame that can be used") };
             assert_eq!((frame.position, frame.pixels), ((4, 250), vec![5, 6, 3, 4, 1, 2]));
         }
         let (_directory, path) = file("");
@@ -412,7 +403,7 @@ mod tests {
         let (_directory, path) = file(Compression::None, 346, &[]);
         let of = |stream: &str| {
             let options = RecordingOptions { stream: Some(stream.to_owned()), ..RecordingOptions::default() };
-            other_streams::FrameReader::open(&path, &options).unwrap().stream()
+            StreamItems::open(&path, &options, FRAMES).unwrap().name()
         };
         assert_eq!((of("left").as_deref(), of("right")), (Some("1 frames (FRME)"), None));
     }

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use usb_davis::dump::Growth;
 
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::read_report::{ReadReport, Truncation};
 
 /// Returns the fraction `part` / `whole`, at most 1; also 1 if `whole` is 0.
@@ -203,7 +202,6 @@ impl ByteReader {
 
     /// Creates an error about the data at `byte`.
     pub fn damaged(&self, byte: u64, what: impl Into<String>) -> RecordingError {
-        let kind = RecordingErrorKind::Damaged { byte, what: what.into(), usable: Usable::Before };
-        RecordingError::new(&self.path, kind)
+        RecordingError::damaged(&self.path, byte, what, Usable::Before)
     }
 }

@@ -5,38 +5,33 @@ use std::collections::VecDeque;
 use evcal_core::event::Event;
 
 use crate::error::RecordingError;
-use crate::extras::{Extra, OtherStreams, ReadExtras};
+use crate::format::OpenResult;
 use crate::read_report::ReadReport;
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened};
 
-/// Opens the decoder of a file when called.
-pub type OpenDecoder = Box<dyn FnOnce() -> Result<Box<dyn Decode>, RecordingError> + Send>;
+/// Opens a file for its events when called.
+pub type OpenFile = Box<dyn FnOnce() -> OpenResult + Send>;
 
 /// Decoder of several files, one after the other.
 pub struct ChainDecoder {
     /// Files that have not been opened yet.
-    files: VecDeque<OpenDecoder>,
+    files: VecDeque<OpenFile>,
     /// Number of all files.
     count: usize,
     now: Box<dyn Decode>,
-    information: RecordingInformation,
     /// Number of frames in the files read so far, if each file reported one.
     frames: Option<u64>,
 }
 
 impl ChainDecoder {
     /// Starts with `first`, followed by `others`.
-    pub fn new(first: Box<dyn Decode>, others: impl Iterator<Item = OpenDecoder>) -> Self {
-        let (files, information) = (VecDeque::from_iter(others), first.information().clone());
-        Self { count: files.len() + 1, files, now: first, information, frames: Some(0) }
+    pub fn open(first: Opened, others: impl Iterator<Item = OpenFile>) -> Opened {
+        let files = VecDeque::from_iter(others);
+        Opened::new(first.information, Self { count: files.len() + 1, files, now: first.decoder, frames: Some(0) })
     }
 }
 
 impl Decode for ChainDecoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         if self.now.decode(batch, report)? {
             return Ok(true);
@@ -44,7 +39,7 @@ impl Decode for ChainDecoder {
         self.frames = self.frames.zip(report.frames.take()).map(|(before, here)| before + here);
         match self.files.pop_front() {
             Some(next) => {
-                self.now = next()?;
+                self.now = next()?.decoder;
                 Ok(true)
             }
             None => {
@@ -57,42 +52,5 @@ impl Decode for ChainDecoder {
     fn done(&self) -> Option<f64> {
         let before = self.count - self.files.len() - 1;
         Some((before as f64 + self.now.done()?) / self.count as f64)
-    }
-}
-
-/// Reader of the frames and IMU samples of several files, one after the other.
-pub struct ChainExtras {
-    /// Reader of each file.
-    pub files: Vec<Box<dyn ReadExtras>>,
-}
-
-impl ReadExtras for ChainExtras {
-    fn streams(&self) -> OtherStreams {
-        let has_any = |part: fn(&OtherStreams) -> bool| self.files.iter().any(|file| part(&file.streams()));
-        OtherStreams { frames: has_any(|streams| streams.frames), imu: has_any(|streams| streams.imu) }
-    }
-
-    fn first_time(&mut self) -> Option<i64> {
-        self.files.first_mut()?.first_time()
-    }
-
-    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        self.files.iter_mut().find_map(|file| file.next_until(end, lost))
-    }
-
-    fn reads(&self, stream: &str) -> bool {
-        self.files.iter().any(|file| file.reads(stream))
-    }
-
-    fn chosen(&self) -> Vec<String> {
-        self.files.first().map_or_else(Vec::new, |file| file.chosen())
-    }
-
-    fn passed_over(&self) -> Option<String> {
-        self.files.first()?.passed_over()
-    }
-
-    fn lessened(&self) -> Option<&'static str> {
-        self.files.iter().find_map(|file| file.lessened())
     }
 }

@@ -213,8 +213,25 @@ impl From<TimeUnit> for GuessedUnit {
     }
 }
 
+/// Returns the unit of the times, unless it is `stated`, and the numbers for ON and OFF, from the first `rows` of a table
+/// with these `columns`.
+pub fn unit_and_code(
+    rows: &[Vec<Cell>],
+    columns: &[Column],
+    stated: Option<TimeUnit>,
+    notes: &mut Vec<String>,
+) -> (GuessedUnit, PolarityCode) {
+    let cells = |column: Column| {
+        let index = columns.iter().position(|other| *other == column);
+        rows.iter().filter_map(move |row| row.get(index?).copied())
+    };
+    let times = || cells(Column::T).filter_map(|cell| cell.value).collect::<Vec<f64>>();
+    let unit = stated.map_or_else(|| unit_from_values(&times(), notes), GuessedUnit::from);
+    (unit, PolarityCode::from_values(cells(Column::P), notes))
+}
+
 /// Determines the unit from the first times of a file.
-pub fn unit_from_values(times: &[f64], notes: &mut Vec<String>) -> GuessedUnit {
+fn unit_from_values(times: &[f64], notes: &mut Vec<String>) -> GuessedUnit {
     let largest = times.iter().fold(0f64, |largest, time| largest.max(time.abs()));
     let different = times.windows(2).filter(|pair| pair[0] != pair[1]).count();
     let are_thousands = different >= ENOUGH_TIMES && times.iter().all(|time| time % 1000.0 == 0.0);

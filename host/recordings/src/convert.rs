@@ -13,7 +13,7 @@ use usb_davis::capture::CaptureError;
 
 use super::counted::counted;
 use super::encode::{CopyTransfers, Description, Encode, OutputFormat, WriteError};
-use super::extras::{Extra, NoExtras, left_out};
+use super::extras::{Extra, Extras};
 use super::given_sensor::{OtherSensor, check_outside, check_stated};
 use super::likely_sensor::{add_sensor, likely_sensor_of, likely_words};
 use super::write::output_extensions;
@@ -23,8 +23,7 @@ use crate::read_report::ReadReport;
 use crate::reader::EventReader;
 use crate::recording::Recording;
 use crate::remedies::remedy_of_capture;
-use evcal_files::remedies;
-use evcal_files::{FileError, NewFile};
+use evcal_files::{FileError, NewFile, remedies};
 
 /// Returns the output format for the extension of `path`.
 ///
@@ -192,7 +191,7 @@ pub fn convert_changed(
     let mut events = Vec::new();
     let mut report = ConversionReport::default();
     let mut more = next(&mut reader, &mut events, &mut report);
-    let mut extras = if target.contains_extras { recording.open_extras()? } else { Box::new(NoExtras) };
+    let mut extras = if target.contains_extras { recording.open_extras()? } else { Extras::default() };
     let shift = match origin {
         TimeOrigin::Kept => 0,
         TimeOrigin::Unix => start(recording)?.ok_or_else(|| ConvertError::StartUnknown(recording.path().to_owned()))?,
@@ -255,7 +254,7 @@ pub fn convert_changed(
     report.report = reader.report().clone();
     report.notes = reader.information().notes.clone();
     report.notes.extend(extras.chosen().into_iter().chain(extras.passed_over()));
-    report.lost.extend(left_out(&*extras, &report.report));
+    report.lost.extend(extras.left_out(&report.report));
     Ok(report)
 }
 

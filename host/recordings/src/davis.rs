@@ -18,13 +18,11 @@ use usb_davis::capture::{Capture, CaptureFormat, sniff};
 use usb_davis::protocol::Message;
 
 use super::date::date;
-use super::extras::ReadExtras;
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::format::{FileFormat, Head, StreamSummary, Uses};
-use crate::options::FormatOption;
-use crate::options::RecordingOptions;
+use crate::format::{FileFormat, Head, OpenResult, StreamSummary, Uses};
+use crate::options::{FormatOption, RecordingOptions};
 use crate::read_report::ReadReport;
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 pub use dump_sink::OUTPUT;
 
 /// Dumps and captures, which are recognised by their first bytes.
@@ -34,8 +32,8 @@ pub const FORMAT: FileFormat = FileFormat {
     events: |path, options| open(path, options, FORMAT.name),
     files: |path| vec![path.to_owned()],
     streams: summarise,
-    frames: Some(extras::visit_frames),
-    extras: Some(open_extras),
+    frames: Some(extras::items),
+    extras: Some(extras::open),
     transfers: Some(|path, options| Capture::open_device(path, options.device)),
     output: Some(&dump_sink::OUTPUT),
     uses: Uses { device: true, growth: true, ..Uses::NONE },
@@ -62,31 +60,23 @@ fn is(head: &Head, formats: &[CaptureFormat]) -> bool {
     sniff(&head.bytes).is_some_and(|format| formats.contains(&format))
 }
 
-fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    Ok(Box::new(extras::CameraExtras::open(path, options)?))
-}
-
 struct Transfers {
     messages: Messages,
     /// Number of events from which a batch is returned.
     batch: usize,
-    information: RecordingInformation,
 }
 
-fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> Result<Box<dyn Decode>, RecordingError> {
-    if let Some(growth) = &options.growth {
-        // Events appear with their transfer.
-        return Ok(transfers(Messages::follow(path, growth)?, 1, format));
-    }
+fn open(path: &Path, options: &RecordingOptions, format: &'static str) -> OpenResult {
     // A dump contains a single camera.
-    if options.device.is_some() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
+    if options.device.is_some() && options.growth.is_none() && is(&Head::read(path)?, &[CaptureFormat::Dvraw]) {
         let kind = RecordingErrorKind::NoEffect { option: FormatOption::Device, format: "dump of one camera" };
         return Err(RecordingError::new(path, kind));
     }
-    Ok(transfers(Messages::open(path, options.device)?, BATCH, format))
-}
-
-fn transfers(messages: Messages, batch: usize, format: &'static str) -> Box<dyn Decode> {
+    let (messages, batch) = match &options.growth {
+        // Events appear with their transfer.
+        Some(growth) => (Messages::follow(path, growth)?, 1),
+        None => (Messages::open(path, options.device)?, BATCH),
+    };
     let header = messages.header();
     let mut notes = Vec::new();
     if header.registers.is_empty() {
@@ -99,14 +89,10 @@ fn transfers(messages: Messages, batch: usize, format: &'static str) -> Box<dyn 
         began: i64::try_from(header.start_unix_ns / 1000).ok().and_then(date),
         notes,
     };
-    Box::new(Transfers { messages, batch, information })
+    Ok(Opened::new(information, Transfers { messages, batch }))
 }
 
 impl Decode for Transfers {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut more = Ok(true);
         while matches!(more, Ok(true)) && batch.len() < self.batch {
@@ -311,7 +297,7 @@ mod tests {
         }
         let streams = recording.streams().expect("what is before it");
         assert_eq!(streams.iter().map(|stream| stream.elements).sum::<u64>(), 1);
-        assert!(open_extras(&path, &RecordingOptions::default()).is_ok());
+        assert!(extras::open(&path, &RecordingOptions::default()).is_ok());
     }
 
     #[test]

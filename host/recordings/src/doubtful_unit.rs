@@ -3,10 +3,9 @@
 
 use evcal_core::event::Event;
 
-use crate::error::RecordingError;
 use crate::options::TimeUnit;
 use crate::read_report::ReadReport;
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened};
 
 /// Highest rate in events per second that a camera can sustain for [`EVENTS`] events.
 const MOST_EVENTS_A_SECOND: f64 = 1e8;
@@ -14,7 +13,7 @@ const MOST_EVENTS_A_SECOND: f64 = 1e8;
 const EVENTS: usize = 1 << 20;
 
 /// Returns the rate in events per second if it is higher than any camera's. `decoder` must be at its beginning.
-pub fn impossible_rate(decoder: &mut dyn Decode) -> Option<f64> {
+pub fn impossible_rate(mut decoder: Box<dyn Decode>) -> Option<f64> {
     let (mut batch, mut count) = (Vec::new(), 0);
     let mut span: Option<(i64, i64)> = None;
     let mut more = true;
@@ -33,38 +32,14 @@ pub fn impossible_rate(decoder: &mut dyn Decode) -> Option<f64> {
     (rate > MOST_EVENTS_A_SECOND).then_some(rate)
 }
 
-/// Decoder whose time unit was corrected.
-pub struct Corrected {
-    decoder: Box<dyn Decode>,
-    information: RecordingInformation,
-}
-
-impl Corrected {
-    /// Wraps `decoder`, which was opened with microseconds because nanoseconds would have given this impossible
-    /// `rate` (events per second).
-    pub fn new(decoder: Box<dyn Decode>, rate: f64) -> Self {
-        let mut information = decoder.information().clone();
-        let (unit, nanoseconds) = (TimeUnit::Microseconds, TimeUnit::Nanoseconds);
-        let millions = rate / 1e6;
-        information.notes.push(format!(
-                        "times are taken for {unit}: in {nanoseconds} there would be {millions:.0} million events per second, which is impossible"
-        ));
-        Self { decoder, information }
-    }
-}
-
-impl Decode for Corrected {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
-    fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
-        self.decoder.decode(batch, report)
-    }
-
-    fn done(&self) -> Option<f64> {
-        self.decoder.done()
-    }
+/// Notes in `opened`, a file that was opened with microseconds, that nanoseconds would have given this impossible `rate`
+/// (events per second).
+pub fn note_correction(opened: &mut Opened, rate: f64) {
+    let (unit, nanoseconds) = (TimeUnit::Microseconds, TimeUnit::Nanoseconds);
+    let millions = rate / 1e6;
+    opened.information.notes.push(format!(
+        "times are taken for {unit}: in {nanoseconds} there would be {millions:.0} million events per second, which is impossible"
+    ));
 }
 
 #[cfg(test)]

@@ -136,6 +136,14 @@ pub struct OutputFormat {
     pub copy_transfers: Option<CopyTransfers>,
 }
 
+impl OutputFormat {
+    /// Creates a format of events only, whose files contain the size of the sensor.
+    pub(crate) const fn of_events(name: &'static str, extensions: &'static [&'static str], create: CreateFile) -> Self {
+        let (contains_sensor, contains_extras) = (true, false);
+        Self { name, title: None, extensions, contains_sensor, contains_extras, create, copy_transfers: None }
+    }
+}
+
 impl PartialEq for OutputFormat {
     fn eq(&self, other: &Self) -> bool {
         self.name == other.name

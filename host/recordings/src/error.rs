@@ -9,7 +9,7 @@ use usb_davis::capture::CaptureError;
 
 use super::columns::LayoutError;
 use super::counted::counted;
-use super::options::{FormatOption, TimeUnit};
+use super::options::{Damage, FormatOption, TimeUnit};
 use super::text::error::LineError;
 use super::unsupported_format::UnsupportedFormat;
 
@@ -316,6 +316,21 @@ impl RecordingError {
         Self { path: path.to_owned(), kind }
     }
 
+    /// Creates an error about a part of the file that violates its format.
+    pub(crate) fn damaged(path: &Path, byte: u64, what: impl Into<String>, usable: Usable) -> Self {
+        Self::new(path, RecordingErrorKind::Damaged { byte, what: what.into(), usable })
+    }
+
+    /// `true` if a part of the file violates its format.
+    pub(crate) fn is_damage(&self) -> bool {
+        matches!(self.kind, RecordingErrorKind::Damaged { .. })
+    }
+
+    /// `true` if this is damage that is to be skipped.
+    pub(crate) fn is_skipped(&self, damage: Damage) -> bool {
+        damage == Damage::Skip && self.is_damage()
+    }
+
     /// Returns the error as that of a recording without events before the damage.
     pub(crate) fn of_the_start(mut self) -> Self {
         if let RecordingErrorKind::Damaged { usable, .. } = &mut self.kind {
@@ -332,6 +347,11 @@ impl RecordingError {
     pub fn io(path: &Path, error: io::Error) -> Self {
         Self::new(path, RecordingErrorKind::Io(error))
     }
+}
+
+/// Treats damage as the end of the file, where the reader of the events reports the damage.
+pub(crate) fn up_to_damage<T>(read: Result<Option<T>, RecordingError>) -> Result<Option<T>, RecordingError> {
+    read.or_else(|error| if error.is_damage() { Ok(None) } else { Err(error) })
 }
 
 /// Describes a recording without events.

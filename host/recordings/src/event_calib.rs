@@ -15,7 +15,7 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Head, OpenResult};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, MAX_SENSOR_SIZE, RecordingInformation};
+use crate::reader::{Decode, MAX_SENSOR_SIZE, Opened, RecordingInformation};
 
 /// EventCalib binary.
 pub const FORMAT: FileFormat =
@@ -23,13 +23,11 @@ pub const FORMAT: FileFormat =
 
 /// EventCalib binary as an output format.
 pub const OUTPUT: OutputFormat = OutputFormat {
-    name: "bin",
     title: Some("EventCalib"),
-    extensions: &["bin"],
     contains_sensor: false,
-    contains_extras: false,
-    create: |file, _| Ok(Box::new(Encoder(BufWriter::with_capacity(1 << 18, file()?)))),
-    copy_transfers: None,
+    ..OutputFormat::of_events("bin", &["bin"], |file, _| {
+        Ok(Box::new(Encoder(BufWriter::with_capacity(1 << 18, file()?))))
+    })
 };
 
 const RECORD: usize = 25;
@@ -62,13 +60,11 @@ fn open(path: &Path, _: &RecordingOptions) -> OpenResult {
     let length = file.metadata().map_err(io)?.len();
     let information = RecordingInformation {
         format: FORMAT.name,
-        sensor: None,
-        camera_name: None,
-        began: None,
         notes: vec!["the file has no header: assumed EventCalib records (seconds, x, y, polarity)".to_owned()],
+        ..RecordingInformation::default()
     };
     let file = BufReader::with_capacity(1 << 18, file);
-    Ok(Box::new(Decoder { path: path.to_owned(), file, information, records: 0, length }))
+    Ok(Opened::new(information, Decoder { path: path.to_owned(), file, records: 0, length }))
 }
 
 fn recognise(head: &Head) -> bool {
@@ -93,7 +89,6 @@ fn recognise(head: &Head) -> bool {
 struct Decoder {
     path: PathBuf,
     file: BufReader<File>,
-    information: RecordingInformation,
     records: u64,
     /// Length of the file in bytes.
     length: u64,
@@ -158,10 +153,6 @@ fn event(record: &Record, index: u64) -> Result<Event, RecordingErrorKind> {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < BATCH {
             let (records, _) = self.file.buffer().as_chunks();

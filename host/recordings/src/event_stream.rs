@@ -24,7 +24,7 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, OpenResult, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use crate::unsupported_format::UnsupportedFormat;
 
 const MAGIC: &[u8] = b"Event Stream";
@@ -69,7 +69,6 @@ impl Kind {
 
 struct Decoder {
     file: ByteReader,
-    information: RecordingInformation,
     kind: Kind,
     height: u16,
     t: i64,
@@ -98,17 +97,12 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
         return Err(file.damaged(HEAD as u64, "the header is incomplete"));
     };
     let sensor = Sensor::new(u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d]));
-    let information = RecordingInformation {
-        format: FORMAT.name,
-        sensor: Some(sensor),
-        camera_name: None,
-        began: None,
-        notes: Vec::new(),
-    };
+    let information =
+        RecordingInformation { format: FORMAT.name, sensor: Some(sensor), ..RecordingInformation::default() };
     let (rest, block) = (Vec::new(), Vec::new());
     // Rows count from below, and the header may state too few.
     let height = options.sensor.map_or(sensor.height, |requested| requested.height.max(sensor.height));
-    Ok(Box::new(Decoder { file, information, kind, height, t: 0, rest, block, measurements: 0 }))
+    Ok(Opened::new(information, Decoder { file, kind, height, t: 0, rest, block, measurements: 0 }))
 }
 
 impl Decoder {
@@ -140,10 +134,6 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut block = std::mem::take(&mut self.block);
         let wanted = self.file.block(BLOCK);

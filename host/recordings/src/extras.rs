@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::counted::counted;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, up_to_damage};
 use crate::options::Damage;
 use crate::read_report::ReadReport;
 
@@ -33,6 +33,17 @@ impl Frame {
     pub fn middle(&self) -> i64 {
         self.exposure.map_or(self.t, |(start, end)| start.midpoint(end))
     }
+
+    /// Returns the frame with the highest row first, if its rows and its position count from below. `rows` is the height
+    /// of the sensor; without it the frame is assumed to begin at the lowest row.
+    pub(crate) fn flipped(self, rows: Option<u16>) -> Self {
+        let (column, row) = self.position;
+        let above = row.saturating_add(self.size.1);
+        let row = rows.unwrap_or(above).saturating_sub(above);
+        let length = usize::from(self.size.0) * self.channels;
+        let pixels = self.pixels.chunks_exact(length.max(1)).rev().flatten().copied().collect();
+        Self { position: (column, row), pixels, ..self }
+    }
 }
 
 /// A frame with an unsupported pixel encoding.
@@ -42,6 +53,19 @@ pub struct UnreadFrame {
     pub t: i64,
     /// Name of the encoding, such as `32FC1`.
     pub encoding: String,
+}
+
+/// Reason why an image cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoImage {
+    /// Its rows were exposed at different times.
+    RollingShutter,
+    /// Columns were lost in transmission.
+    LostColumns,
+    /// It is neither grey nor coloured.
+    NotGrey,
+    /// Its pixel encoding is not supported.
+    UnreadEncoding,
 }
 
 /// One reading of the IMU, in camera axes.
@@ -112,82 +136,179 @@ pub fn frame_start(frame: &Frame) -> i64 {
     frame.readout.map_or(exposure_start.saturating_sub(READOUT), |times| times.0.min(exposure_start))
 }
 
-/// Reader of frames and IMU samples, in order of time.
-pub trait ReadExtras {
-    /// Kinds of streams that this reader returns.
-    fn streams(&self) -> OtherStreams;
-
-    /// Time at which the first element begins (µs), if it is known in advance.
-    fn first_time(&mut self) -> Option<i64>;
-
-    /// Returns the next element that begins at `end` (µs) or earlier. Elements of a live camera are returned once they
-    /// are complete. Elements that cannot be read are left out and described in `lost`.
-    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra>;
-
-    /// `true` if this reader returns the packets of `stream`, which the reader of the events only counts.
-    fn reads(&self, stream: &str) -> bool;
-
-    /// Names the streams that are returned, in sentences, if the recording has several.
-    fn chosen(&self) -> Vec<String> {
-        Vec::new()
-    }
-
-    /// Names in a sentence a stream of frames that is not returned because it seems to be from another camera.
-    fn passed_over(&self) -> Option<String> {
-        None
-    }
-
-    /// Describes in a sentence the information that the returned elements lack, for example bits per pixel.
-    fn lessened(&self) -> Option<&'static str> {
-        None
-    }
-}
-
 /// Name of both kinds together, for messages.
-pub const BOTH: &str = "frames and IMU samples";
+pub(crate) const BOTH: &str = "frames and IMU samples";
 
-/// Returns the element that was read. After an error, returns `None` and adds to `lost` that `what` is missing from
-/// here on.
-pub fn read_or_report<T>(read: Result<Option<T>, RecordingError>, what: &str, lost: &mut Vec<String>) -> Option<T> {
-    read.unwrap_or_else(|error| {
-        lost.push(format!("{what} from here on: {error}"));
-        None
-    })
+/// An element of a recording other than an event.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Item {
+    /// A frame. If it cannot be used for a calibration, with the reason.
+    Frame(Frame, Option<NoImage>),
+    /// A frame whose encoding is not supported.
+    Unread(UnreadFrame),
+    /// An IMU sample.
+    Inertial(InertialSample),
+    /// A damaged packet that is skipped as [`Damage::Skip`] requests.
+    Skipped,
 }
 
-/// Treatment of damaged frames and IMU samples, with the number of skipped ones.
-#[derive(Debug)]
-pub struct Skipped {
-    damage: Damage,
-    count: u64,
-}
-
-impl Skipped {
-    /// Creates a count of zero.
-    pub fn new(damage: Damage) -> Self {
-        Self { damage, count: 0 }
-    }
-
-    /// Counts `error` if it is damage that is to be skipped.
+impl Item {
+    /// Turns `error` into a skipped packet if it is damage that is to be skipped.
     ///
     /// # Errors
     /// Returns any other `error`.
-    pub fn add(&mut self, error: RecordingError) -> Result<(), RecordingError> {
-        match (&error.kind, self.damage) {
-            (RecordingErrorKind::Damaged { .. }, Damage::Skip) => {
-                self.count += 1;
-                Ok(())
-            }
-            _ => Err(error),
+    pub fn skipped(error: RecordingError, damage: Damage) -> Result<Self, RecordingError> {
+        if error.is_skipped(damage) { Ok(Self::Skipped) } else { Err(error) }
+    }
+}
+
+/// The frames and IMU samples of a file, in the order in which they are read. Nothing after an error is used.
+pub type Items = Box<dyn Iterator<Item = Result<Item, RecordingError>>>;
+
+/// Returns the kinds of streams in `items`. Damage ends the search: it is reported when it is read.
+pub fn find_streams(mut items: Items) -> Result<OtherStreams, RecordingError> {
+    let mut streams = OtherStreams::default();
+    while !(streams.frames && streams.imu) {
+        match up_to_damage(items.next().transpose())? {
+            Some(Item::Frame(..)) => streams.frames = true,
+            Some(Item::Inertial(_)) => streams.imu = true,
+            Some(Item::Unread(_) | Item::Skipped) => {}
+            None => break,
         }
     }
+    Ok(streams)
+}
 
-    /// Adds the number of skipped packets to `lost`, once.
-    pub fn report(&mut self, lost: &mut Vec<String>) {
-        let count = std::mem::take(&mut self.count);
-        if count > 0 {
-            lost.push(format!("{} of {BOTH}", counted(count, "damaged packet", "damaged packets")));
+/// Reader of the frames and IMU samples of a recording, in order of time. The default has none.
+#[derive(Default)]
+pub struct Extras {
+    /// Kinds of streams that are returned.
+    pub(crate) streams: OtherStreams,
+    /// Names under which the reader of the events counts the packets that are returned.
+    pub(crate) names: Vec<String>,
+    /// Sentences that name the streams that are returned, if the recording has several.
+    pub(crate) chosen: Vec<String>,
+    /// Sentence about a stream of frames that is not returned because it seems to be from another camera.
+    pub(crate) passed_over: Option<String>,
+    /// Information that the returned elements lack, for example bits per pixel.
+    pub(crate) lessened: Option<&'static str>,
+    pub(crate) parts: Vec<Part>,
+}
+
+/// Elements in order of time, with the next one read in advance.
+pub(crate) struct Part {
+    items: Items,
+    /// What the elements are, for messages.
+    what: &'static str,
+    next: Option<Extra>,
+    /// Number of damaged packets since the last report.
+    skipped: u64,
+    unread: UnreadFrames,
+    /// Description of the error that ended the part, until it is reported.
+    lost: Option<String>,
+}
+
+impl Part {
+    /// Returns the next element, and reads the one after it.
+    fn take(&mut self) -> Option<Extra> {
+        let after = loop {
+            match self.items.next() {
+                Some(Ok(Item::Frame(frame, _))) => break Some(Extra::Frame(frame)),
+                Some(Ok(Item::Inertial(sample))) => break Some(Extra::Inertial(sample)),
+                Some(Ok(Item::Unread(frame))) => self.unread.add(frame),
+                Some(Ok(Item::Skipped)) => self.skipped += 1,
+                Some(Err(error)) => {
+                    self.lost = Some(format!("{} from here on: {error}", self.what));
+                    break None;
+                }
+                None => break None,
+            }
+        };
+        std::mem::replace(&mut self.next, after)
+    }
+
+    /// Adds to `lost`, once, the error that ended the part, and at its end the numbers of elements that were passed over.
+    fn report(&mut self, lost: &mut Vec<String>) {
+        lost.extend(self.lost.take());
+        if self.next.is_none() {
+            let skipped = std::mem::take(&mut self.skipped);
+            if skipped > 0 {
+                lost.push(format!("{} of {BOTH}", counted(skipped, "damaged packet", "damaged packets")));
+            }
+            self.unread.report(lost);
         }
+    }
+}
+
+impl Extras {
+    /// Creates a reader of `items`, which are of these kinds. The reader of the events counts frames and samples under
+    /// `names`.
+    pub(crate) fn new(streams: OtherStreams, names: [String; 2], items: Items) -> Self {
+        let [frames, samples] = names;
+        let names = [Some(frames).filter(|_| streams.frames), Some(samples).filter(|_| streams.imu)];
+        let mut extras = Self { streams, names: names.into_iter().flatten().collect(), ..Self::default() };
+        extras.add(BOTH, None, items);
+        extras
+    }
+
+    /// Adds elements that are merged with the others in order of time, and begins to read them. Messages call them
+    /// `what`; the reader of the events counts them under `name`.
+    pub(crate) fn add(&mut self, what: &'static str, name: Option<String>, items: Items) {
+        let mut part = Part { items, what, next: None, skipped: 0, unread: UnreadFrames::default(), lost: None };
+        part.take();
+        self.streams.frames |= matches!(part.next, Some(Extra::Frame(_)));
+        self.streams.imu |= matches!(part.next, Some(Extra::Inertial(_)));
+        self.names.extend(name.filter(|_| part.next.is_some() || !part.unread.is_empty()));
+        self.parts.push(part);
+    }
+
+    /// Adds the elements of the file that continues this recording.
+    pub(crate) fn followed_by(mut self, file: Self) -> Self {
+        self.streams.frames |= file.streams.frames;
+        self.streams.imu |= file.streams.imu;
+        self.names.extend(file.names);
+        self.lessened = self.lessened.or(file.lessened);
+        self.parts.extend(file.parts);
+        self
+    }
+
+    /// Kinds of streams that this reader returns.
+    pub fn streams(&self) -> OtherStreams {
+        self.streams
+    }
+
+    /// Time at which the next element begins (µs).
+    pub fn first_time(&self) -> Option<i64> {
+        self.parts.iter().filter_map(|part| part.next.as_ref()).map(Extra::start).min()
+    }
+
+    /// Returns the next element that begins at `end` (µs) or earlier. Elements that cannot be read are left out and
+    /// described in `lost`.
+    pub fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
+        self.parts.iter_mut().for_each(|part| part.report(lost));
+        let begun = |part: &mut Part| part.next.as_ref().map(Extra::start).filter(|start| *start <= end);
+        let begun = self.parts.iter_mut().filter_map(|part| Some((begun(part)?, part)));
+        begun.min_by_key(|(start, _)| *start)?.1.take()
+    }
+
+    /// Names the streams that are returned, in sentences, if the recording has several.
+    pub fn chosen(&self) -> Vec<String> {
+        self.chosen.clone()
+    }
+
+    /// Names in a sentence a stream of frames that is not returned because it seems to be from another camera.
+    pub fn passed_over(&self) -> Option<String> {
+        self.passed_over.clone()
+    }
+
+    /// Describes the content of a recording that is not returned, in sentences. `report` is the report of its events.
+    pub fn left_out(&self, report: &ReadReport) -> Vec<String> {
+        let others = report.other_packets.iter().filter(|(name, _)| !self.names.contains(name));
+        let counts = others.map(|(name, count)| {
+            let unit = if name.contains('(') { " packets of" } else { "" };
+            format!("{count}{unit} {name}")
+        });
+        counts.chain(self.lessened.map(str::to_owned)).collect()
     }
 }
 
@@ -220,51 +341,4 @@ impl UnreadFrames {
         let (encoding, count) = self.counts.into_iter().max_by_key(|(_, count)| *count)?;
         Some(RecordingError::new(path, RecordingErrorKind::FrameEncoding { count, encoding }))
     }
-}
-
-/// Returns `next` if it begins at `end` (µs) or earlier, and replaces it by the result of `read`. Elements that cannot
-/// be read are described in `lost`.
-pub fn take_until(
-    next: &mut Option<Extra>,
-    end: i64,
-    lost: &mut Vec<String>,
-    read: impl FnOnce() -> Result<Option<Extra>, RecordingError>,
-) -> Option<Extra> {
-    next.as_ref().filter(|extra| extra.start() <= end)?;
-    let after = read_or_report(read(), BOTH, lost);
-    std::mem::replace(next, after)
-}
-
-/// Reader for recordings without frames and IMU samples.
-pub struct NoExtras;
-
-impl ReadExtras for NoExtras {
-    fn streams(&self) -> OtherStreams {
-        OtherStreams::default()
-    }
-
-    fn first_time(&mut self) -> Option<i64> {
-        None
-    }
-
-    fn next_until(&mut self, _: i64, _: &mut Vec<String>) -> Option<Extra> {
-        None
-    }
-
-    fn reads(&self, _: &str) -> bool {
-        false
-    }
-}
-
-/// Describes the content of a recording that `extras` does not return, in sentences.
-pub fn left_out(extras: &dyn ReadExtras, report: &ReadReport) -> Vec<String> {
-    let mut left_out = Vec::new();
-    for (name, count) in &report.other_packets {
-        if !extras.reads(name) {
-            let unit = if name.contains('(') { " packets of" } else { "" };
-            left_out.push(format!("{count}{unit} {name}"));
-        }
-    }
-    left_out.extend(extras.lessened().map(str::to_owned));
-    left_out
 }

@@ -7,26 +7,23 @@ use std::path::{Path, PathBuf};
 use usb_davis::capture::{Capture, CaptureError};
 
 use super::encode::OutputFormat;
-use super::extras::ReadExtras;
+use super::extras::{Extras, Items};
 use super::options::FormatOption;
-use super::pictures::TimedImage;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::options::RecordingOptions;
-use crate::reader::Decode;
+use crate::reader::Opened;
 
 /// Number of bytes from the start of a file that are examined to find its format.
 pub(crate) const HEAD_LENGTH: u64 = 65_536;
 
-/// Result of opening a file: a decoder at its beginning.
-pub type OpenResult = Result<Box<dyn Decode>, RecordingError>;
+/// Result of opening a file for its events.
+pub type OpenResult = Result<Opened, RecordingError>;
 
-/// Passes the frames of a file to a visitor, in file order. The outer result is an error if the frames cannot be read
-/// at all, the inner result if they ended early.
-pub type VisitFrames =
-    fn(&Path, &RecordingOptions, &mut dyn FnMut(TimedImage)) -> Result<Result<(), RecordingError>, RecordingError>;
+/// Opens the frames of a file, in file order. Other items may be among them.
+pub type OpenFrames = fn(&Path, &RecordingOptions) -> Result<Items, RecordingError>;
 
 /// Opens a reader of frames and IMU samples at the beginning of the file.
-pub type OpenExtras = fn(&Path, &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError>;
+pub type OpenExtras = fn(&Path, &RecordingOptions) -> Result<Extras, RecordingError>;
 
 /// Opens a capture of USB transfers.
 pub type OpenTransfers = fn(&Path, &RecordingOptions) -> Result<Capture, CaptureError>;
@@ -45,8 +42,8 @@ pub struct FileFormat {
     pub files: fn(&Path) -> Vec<PathBuf>,
     /// Counts the packets and elements of each stream. Empty for formats with a single event stream.
     pub streams: fn(&Path, &RecordingOptions) -> Result<Vec<StreamSummary>, RecordingError>,
-    /// Visits the frames, if the format can contain any.
-    pub frames: Option<VisitFrames>,
+    /// Opens the frames, if the format can contain any.
+    pub frames: Option<OpenFrames>,
     /// Opens frames and IMU samples for conversion, if the format can contain any.
     pub extras: Option<OpenExtras>,
     /// Opens the USB transfers of a camera, if the format stores them.

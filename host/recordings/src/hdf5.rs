@@ -33,12 +33,11 @@ use super::bytes::share;
 use super::columns::{self, GuessedUnit, PolarityCode};
 use super::counter::TimeCounter;
 use super::numbers;
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::format::{FileFormat, Head, OpenResult, StreamSummary, Uses};
 use crate::options::{Column, Damage, RecordingOptions, TimeUnit};
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use crate::unsupported_format::UnsupportedFormat;
 use layout::{Contents, Found, TimedDataset};
 use table::{Row, Table};
@@ -46,7 +45,7 @@ use table::{Row, Table};
 /// An HDF5 file with events.
 pub const FORMAT: FileFormat = FileFormat {
     streams,
-    frames: Some(extras::visit_frames),
+    frames: Some(extras::frames),
     extras: Some(extras::open),
     output: Some(&write::OUTPUT),
     uses: Uses { stream: true, columns: true, ..Uses::NONE },
@@ -80,23 +79,11 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
     let others = [(extras::FRAMES, frames), (extras::SAMPLES, samples)];
     let other = others.into_iter().filter_map(|(name, found)| Some((name.to_owned(), length(&found?.data)))).collect();
-    let information = RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes };
+    let information = RecordingInformation { format: FORMAT.name, sensor, notes, ..RecordingInformation::default() };
     let path = path.to_owned();
     let (damage, counter) = (options.damage, TimeCounter::new(unit));
-    Ok(Box::new(Decoder {
-        path,
-        information,
-        table,
-        unit,
-        is_unit_doubtful,
-        code,
-        counter,
-        offset,
-        damage,
-        other,
-        next: 0,
-        batch: BATCH,
-    }))
+    let decoder = Decoder { path, table, unit, code, counter, offset, damage, other, next: 0, batch: BATCH };
+    Ok(Opened { is_unit_doubtful, ..Opened::new(information, decoder) })
 }
 
 /// Returns the number of frames or samples.
@@ -193,13 +180,7 @@ fn arrange(
         return Err(layout(columns::LayoutError::Named));
     }
     let stated = options.time_unit.or_else(|| table.unit_of_name());
-    let cells = |column: Column| {
-        let index = table.index_of(column);
-        sample.iter().filter_map(move |row| row.get(index?).copied())
-    };
-    let times = || cells(Column::T).filter_map(|cell| cell.value).collect::<Vec<f64>>();
-    let unit = stated.map_or_else(|| columns::unit_from_values(&times(), notes), GuessedUnit::from);
-    let code = PolarityCode::from_values(cells(Column::P), notes);
+    let (unit, code) = columns::unit_and_code(&sample, &table.order(), stated, notes);
     Ok(Arranged { table, unit, code })
 }
 
@@ -240,23 +221,18 @@ fn times(path: &Path, found: &Found, options: &RecordingOptions) -> Option<(i64,
 /// Converts an error about the structure of the file. It has no useful byte, because the structure is spread over the
 /// file.
 fn structure(path: &Path, error: &Error) -> RecordingError {
-    let kind = match (unsupported(error), filters::cut_off(path)) {
-        _ if is_virtual(error) => RecordingErrorKind::Unsupported(UnsupportedFormat::VirtualHdf5),
-        (Some(filter), _) => RecordingErrorKind::Filter(filter.to_owned()),
-        (None, Some((length, promised))) => RecordingErrorKind::Damaged {
-            byte: length,
-            what: format!(
-                "the file ends here instead of after {promised} bytes, and the position of its events is unknown"
-            ),
-            usable: Usable::Nothing,
-        },
-        (None, None) => RecordingErrorKind::Damaged {
-            byte: 0,
-            what: format!("the structure of the HDF5 file cannot be read: {error}"),
-            usable: Usable::Nothing,
-        },
+    let (byte, what) = match (unsupported(error), filters::cut_off(path)) {
+        _ if is_virtual(error) => {
+            return RecordingError::new(path, RecordingErrorKind::Unsupported(UnsupportedFormat::VirtualHdf5));
+        }
+        (Some(filter), _) => return RecordingError::new(path, RecordingErrorKind::Filter(filter.to_owned())),
+        (None, Some((length, promised))) => (
+            length,
+            format!("the file ends here instead of after {promised} bytes, and the position of its events is unknown"),
+        ),
+        (None, None) => (0, format!("the structure of the HDF5 file cannot be read: {error}")),
     };
-    RecordingError::new(path, kind)
+    RecordingError::damaged(path, byte, what, Usable::Nothing)
 }
 
 /// Returns the unsupported compression that `error` is about, if it is about one.
@@ -279,10 +255,8 @@ fn is_virtual(error: &Error) -> bool {
 
 struct Decoder {
     path: PathBuf,
-    information: RecordingInformation,
     table: Table,
     unit: TimeUnit,
-    is_unit_doubtful: bool,
     code: PolarityCode,
     counter: TimeCounter,
     /// Offset in µs of all times.
@@ -328,10 +302,6 @@ fn is_filling(row: &Row) -> bool {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         report.other_packets.extend(std::mem::take(&mut self.other));
         let rows = match self.table.readable(self.next, self.batch) {
@@ -365,9 +335,5 @@ impl Decode for Decoder {
 
     fn done(&self) -> Option<f64> {
         Some(share(self.next, self.table.count()))
-    }
-
-    fn is_unit_doubtful(&self) -> bool {
-        self.is_unit_doubtful
     }
 }

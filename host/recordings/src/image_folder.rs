@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 use evcal_core::sensor::Sensor;
 use serde::{Deserialize, Serialize};
 
-use super::image_file::{self, ImageFile, ImageFileError, Samples};
-use super::pictures::{GreyImage, TimedImage, brightness, highest_bits};
+use super::extras::Frame;
+use super::image_file::{self, ImageFile, ImageFileError};
+use super::pictures::{NoImage, TimedImage};
 
 /// Name of the table of an image folder.
 pub const TABLE: &str = "data.csv";
@@ -257,11 +258,6 @@ impl ImageFolder {
         self.sensor
     }
 
-    /// Moment of the exposure that the timestamps refer to.
-    pub fn stamps(&self) -> Stamps {
-        self.stamps
-    }
-
     /// `true` if the table contains exposure times.
     pub fn exposure_known(&self) -> bool {
         self.entries.iter().all(|entry| entry.exposure.is_some())
@@ -284,7 +280,7 @@ impl ImageFolder {
                 exposure: (micros(start), micros(end)),
                 exposure_known: entry.exposure.is_some(),
                 position: (0, 0),
-                image: grey(image).ok_or(super::pictures::NoImage::NotGrey),
+                image: Frame::of_file(image, 0).map_or(Err(NoImage::NotGrey), |frame| TimedImage::from(frame).image),
             });
         }
         Ok(())
@@ -377,28 +373,6 @@ fn read(path: &Path) -> Result<ImageFile, ImageFolderError> {
 fn sensor_of(size: (u32, u32)) -> Option<Sensor> {
     let side = |side: u32| u16::try_from(side).ok().filter(|side| *side > 0);
     Some(Sensor::new(side(size.0)?, side(size.1)?))
-}
-
-/// Converts the image to 8-bit grey. Of 16 bits, the highest 8 bits in use are kept.
-fn grey(image: ImageFile) -> Option<GreyImage> {
-    let (width, height) = (usize::try_from(image.size.0).ok()?, usize::try_from(image.size.1).ok()?);
-    let bytes = match image.samples {
-        Samples::Eight(samples) => samples,
-        Samples::Sixteen(samples) => highest_bits(&samples),
-    };
-    let pixels = match image.channels {
-        1 => bytes,
-        2 => bytes.chunks_exact(2).filter_map(|pixel| pixel.first().copied()).collect(),
-        3 | 4 => bytes
-            .chunks_exact(image.channels)
-            .filter_map(|pixel| match *pixel {
-                [red, green, blue, ..] => Some(brightness(red, green, blue)),
-                _ => None,
-            })
-            .collect(),
-        _ => return None,
-    };
-    GreyImage::new(width, height, pixels)
 }
 
 #[cfg(test)]

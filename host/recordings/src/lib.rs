@@ -60,6 +60,6 @@ pub use format::{FileFormat, Head, OpenResult, OpenTransfers, StreamSummary, Use
 pub use formats::{FORMATS, format_of, options_for};
 pub use options::{Column, Columns, Damage, FormatOption, OptionError, RecordingOptions, TimeUnit};
 pub use read_report::{CounterWraps, ReadReport, RepairedTimes, StreamFaults, Truncation};
-pub use reader::{Decode, EventReader, MAX_SENSOR_SIZE, RecordingInformation};
+pub use reader::{Decode, EventReader, MAX_SENSOR_SIZE, Opened, RecordingInformation};
 pub use recording::Recording;
 pub use unsupported_format::UnsupportedFormat;

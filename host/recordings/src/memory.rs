@@ -10,7 +10,7 @@ use super::bytes::share;
 use super::format::FileFormat;
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::read_report::ReadReport;
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 
 /// Number of events per batch.
 const BATCH: usize = 1 << 16;
@@ -25,25 +25,19 @@ pub const FORMAT: FileFormat = FileFormat::of_events(
 
 /// Decoder of events in memory.
 pub struct MemoryDecoder {
-    information: RecordingInformation,
     events: Arc<Vec<Event>>,
     next: usize,
 }
 
 impl MemoryDecoder {
     /// Starts at the first of `events`. `sensor` is their sensor, if known.
-    pub fn new(events: Arc<Vec<Event>>, sensor: Option<Sensor>) -> Self {
-        let information =
-            RecordingInformation { format: FORMAT.name, sensor, camera_name: None, began: None, notes: Vec::new() };
-        Self { information, events, next: 0 }
+    pub fn open(events: Arc<Vec<Event>>, sensor: Option<Sensor>) -> Opened {
+        let information = RecordingInformation { format: FORMAT.name, sensor, ..RecordingInformation::default() };
+        Opened::new(information, Self { events, next: 0 })
     }
 }
 
 impl Decode for MemoryDecoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, _: &mut ReadReport) -> Result<bool, RecordingError> {
         let rest = self.events.get(self.next..).unwrap_or_default();
         let events = rest.get(..BATCH).unwrap_or(rest);

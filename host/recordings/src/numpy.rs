@@ -28,12 +28,11 @@ use super::bytes::share;
 use super::columns::{self, GuessedUnit, PolarityCode};
 use super::counter::TimeCounter;
 use super::numbers::{self, NumberType};
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::format::{FileFormat, OpenResult, Uses};
 use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use table::{Named, Part, Table};
 pub use write::OUTPUT;
 
@@ -113,10 +112,9 @@ fn open(
     options: &RecordingOptions,
 ) -> OpenResult {
     let sample = sample(path, &table)?;
-    let (columns, GuessedUnit { unit, is_doubtful: is_unit_doubtful }) =
+    let (columns, (GuessedUnit { unit, is_doubtful: is_unit_doubtful }, code)) =
         layout(&table, &sample, options, &mut notes)
             .map_err(|error| RecordingError::new(path, RecordingErrorKind::Layout(error)))?;
-    let code = PolarityCode::from_values(cells(&sample, &columns, Column::P), &mut notes);
     let sources = sources(path, &table, columns.as_slice())?;
     let fields = sources.iter().flat_map(|source| &source.fields);
     let unread = fields.into_iter().find(|(column, _, number)| *column != Column::Ignored && number.is_none());
@@ -125,36 +123,20 @@ fn open(
         let what = "floating-point numbers of 16 bits, or elements that are not numbers";
         return Err(RecordingError::new(path, RecordingErrorKind::Elements { array, what }));
     }
-    let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
+    let information = RecordingInformation { format, sensor, notes, ..RecordingInformation::default() };
     let path = path.to_owned();
     let (counter, count) = (TimeCounter::new(unit), table.count);
-    Ok(Box::new(Decoder {
-        path,
-        information,
-        sources,
-        unit,
-        is_unit_doubtful,
-        code,
-        counter,
-        events: 0,
-        left: count,
-        count,
-    }))
+    let decoder = Decoder { path, sources, unit, code, counter, events: 0, left: count, count };
+    Ok(Opened { is_unit_doubtful, ..Opened::new(information, decoder) })
 }
 
-/// Returns the values of one of the `columns` of the first rows.
-fn cells(sample: &[Vec<columns::Cell>], columns: &Columns, column: Column) -> impl Iterator<Item = columns::Cell> {
-    let index = columns.as_slice().iter().position(|other| *other == column);
-    sample.iter().filter_map(move |row| row.get(index?).copied())
-}
-
-/// Determines the columns and the unit of the times.
+/// Determines the columns, the unit of the times, and the numbers for ON and OFF.
 fn layout(
     table: &Table,
     sample: &[Vec<columns::Cell>],
     options: &RecordingOptions,
     notes: &mut Vec<String>,
-) -> Result<(Columns, GuessedUnit), columns::LayoutError> {
+) -> Result<(Columns, (GuessedUnit, PolarityCode)), columns::LayoutError> {
     let named = table.names.as_ref().map(|names| {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         (columns::from_names(&names), names.join(", "))
@@ -169,12 +151,8 @@ fn layout(
         (None, Some(((None, _), names))) => return Err(columns::LayoutError::Names(names)),
         (None, None) => columns::from_values(sample, notes)?,
     };
-    let guess = || {
-        let times: Vec<f64> = cells(sample, &columns, Column::T).filter_map(|cell| cell.value).collect();
-        columns::unit_from_values(&times, notes)
-    };
-    let unit = options.time_unit.or(unit_of_name).map_or_else(guess, GuessedUnit::from);
-    Ok((columns, unit))
+    let guessed = columns::unit_and_code(sample, columns.as_slice(), options.time_unit.or(unit_of_name), notes);
+    Ok((columns, guessed))
 }
 
 /// Reads the first rows.
@@ -275,10 +253,8 @@ enum Fault {
 
 struct Decoder {
     path: std::path::PathBuf,
-    information: RecordingInformation,
     sources: Vec<Source>,
     unit: TimeUnit,
-    is_unit_doubtful: bool,
     code: PolarityCode,
     counter: TimeCounter,
     /// Number of events read, and number of rows left.
@@ -317,10 +293,6 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let count = self.left.min(rows_at_once(&self.sources));
         let mut fault = None;
@@ -341,19 +313,12 @@ impl Decode for Decoder {
                 report.truncated = Some(truncation);
                 Ok(false)
             }
-            Some(Fault::Damaged { byte, what }) => {
-                let kind = RecordingErrorKind::Damaged { byte, what, usable: Usable::Before };
-                Err(RecordingError::new(&self.path, kind))
-            }
+            Some(Fault::Damaged { byte, what }) => Err(RecordingError::damaged(&self.path, byte, what, Usable::Before)),
             Some(Fault::Io(error)) => Err(RecordingError::io(&self.path, error)),
         }
     }
 
     fn done(&self) -> Option<f64> {
         Some(share(self.count - self.left, self.count))
-    }
-
-    fn is_unit_doubtful(&self) -> bool {
-        self.is_unit_doubtful
     }
 }

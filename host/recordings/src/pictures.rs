@@ -1,6 +1,11 @@
 //! Grey images of a recording, with their exposure times.
 
-use crate::extras::{Frame, UnreadFrame};
+use std::path::Path;
+
+use crate::error::RecordingError;
+pub use crate::extras::NoImage;
+use crate::extras::{Frame, Item, Items, UnreadFrame, UnreadFrames};
+use crate::image_file::{ImageFile, Samples};
 
 /// A grey image of 8 bits per pixel.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,6 +44,26 @@ pub fn highest_bits(samples: &[u16]) -> Vec<u8> {
     samples.iter().map(|sample| (sample >> unused) as u8).collect()
 }
 
+impl Frame {
+    /// Returns the image of a file as a frame with the timestamp `t` (µs), without alpha; `None` if a side is longer than
+    /// 65535 pixels. Of 16 bits, the highest 8 bits in use are kept.
+    pub(crate) fn of_file(ImageFile { size, channels, samples }: ImageFile, t: i64) -> Option<Self> {
+        let size = (u16::try_from(size.0).ok()?, u16::try_from(size.1).ok()?);
+        let bytes = match samples {
+            Samples::Eight(samples) => samples,
+            Samples::Sixteen(samples) => highest_bits(&samples),
+        };
+        let (channels, pixels) = match channels {
+            1 => (1, bytes),
+            2 => (1, bytes.as_chunks::<2>().0.iter().map(|[grey, _]| *grey).collect()),
+            3 => (3, bytes.as_chunks().0.iter().flat_map(|&[red, green, blue]| [blue, green, red]).collect()),
+            4 => (3, bytes.as_chunks().0.iter().flat_map(|&[red, green, blue, _]| [blue, green, red]).collect()),
+            _ => return None,
+        };
+        Some(Self { t, exposure: None, readout: None, size, position: (0, 0), channels, pixels })
+    }
+}
+
 /// Luma of a coloured pixel, with the weights of ITU-R BT.601.
 pub fn brightness(red: u8, green: u8, blue: u8) -> u8 {
     let sum = 299 * u32::from(red) + 587 * u32::from(green) + 114 * u32::from(blue);
@@ -59,17 +84,24 @@ pub struct TimedImage {
     pub image: Result<GreyImage, NoImage>,
 }
 
-/// Reason why an image cannot be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NoImage {
-    /// Its rows were exposed at different times.
-    RollingShutter,
-    /// Columns were lost in transmission.
-    LostColumns,
-    /// It is neither grey nor coloured.
-    NotGrey,
-    /// Its pixel encoding is not supported.
-    UnreadEncoding,
+/// Passes the frames among `items`, which are of the file at `path`, to `visit`.
+///
+/// # Errors
+/// If the frames ended early, or some have an unsupported encoding.
+pub fn visit_frames(items: Items, path: &Path, visit: &mut dyn FnMut(TimedImage)) -> Result<(), RecordingError> {
+    let mut unread = UnreadFrames::default();
+    for item in items {
+        match item? {
+            Item::Frame(frame, None) => visit(frame.into()),
+            Item::Frame(frame, Some(reason)) => visit(TimedImage { image: Err(reason), ..frame.into() }),
+            Item::Unread(frame) => {
+                visit((&frame).into());
+                unread.add(frame);
+            }
+            Item::Inertial(_) | Item::Skipped => {}
+        }
+    }
+    unread.error(path).map_or(Ok(()), Err)
 }
 
 impl From<&UnreadFrame> for TimedImage {

@@ -39,7 +39,7 @@ const MAX_TIME: i64 = 1 << 55;
 pub const MAX_SENSOR_SIZE: u16 = Sensor::MOST_PIXELS_A_SIDE;
 
 /// Properties of a recording that are known before its first event is read.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingInformation {
     /// Name of the format.
     pub format: &'static str,
@@ -55,9 +55,6 @@ pub struct RecordingInformation {
 
 /// Decoder of one format: turns bytes into events, in file order.
 pub trait Decode: Send {
-    /// Properties from the header of the file.
-    fn information(&self) -> &RecordingInformation;
-
     /// Appends the next events to `batch`, which is empty, and counts everything else in `report`. Returns `false`
     /// at the end of the file.
     ///
@@ -67,10 +64,22 @@ pub trait Decode: Send {
 
     /// Fraction of the file that has been read, 0 to 1, for a progress display; `None` if unknown.
     fn done(&self) -> Option<f64>;
+}
 
+/// A file that was opened for its events.
+pub struct Opened {
+    /// Properties from the header of the file.
+    pub information: RecordingInformation,
     /// `true` if times that were taken for nanoseconds could also be microseconds.
-    fn is_unit_doubtful(&self) -> bool {
-        false
+    pub is_unit_doubtful: bool,
+    /// Decoder at the beginning of the file.
+    pub decoder: Box<dyn Decode>,
+}
+
+impl Opened {
+    /// Returns a file whose unit of time is certain.
+    pub fn new(information: RecordingInformation, decoder: impl Decode + 'static) -> Self {
+        Self { information, is_unit_doubtful: false, decoder: Box::new(decoder) }
     }
 }
 
@@ -117,12 +126,8 @@ struct Clock {
 }
 
 impl EventReader {
-    pub(super) fn new(
-        path: &Path,
-        decoder: Box<dyn Decode>,
-        options: &RecordingOptions,
-    ) -> Result<Self, RecordingError> {
-        let mut information = decoder.information().clone();
+    pub(super) fn new(path: &Path, opened: Opened, options: &RecordingOptions) -> Result<Self, RecordingError> {
+        let Opened { mut information, decoder, .. } = opened;
         information.camera_name = information.camera_name.map(|name| visible::name(&name).into_owned());
         if let Some(sensor) = options.sensor {
             if let Some(Sensor { width, height }) = information.sensor.filter(|&own| own != sensor) {
@@ -163,14 +168,9 @@ impl EventReader {
         })
     }
 
-    /// Limits the pass to events with times in `span`.
-    pub(super) fn limited_to(self, span: Option<Range<i64>>) -> Self {
-        Self { span, ..self }
-    }
-
-    /// Limits the number of events by the size of the files.
-    pub(super) fn of_size(self, bytes: Option<u64>) -> Self {
-        Self { bytes, ..self }
+    /// Limits the pass to events with times in `span`, and their number by the size of the files in bytes.
+    pub(super) fn limited_to(self, span: Option<Range<i64>>, bytes: Option<u64>) -> Self {
+        Self { span, bytes, ..self }
     }
 
     /// Returns each event as soon as it is decoded. Events that are earlier than one before them get its time.
@@ -451,15 +451,11 @@ mod tests {
     use super::*;
 
     /// Decoder that returns so many of the given events at a time.
-    struct Given(Vec<Event>, RecordingInformation, usize);
+    struct Given(Vec<Event>, usize);
 
     impl Decode for Given {
-        fn information(&self) -> &RecordingInformation {
-            &self.1
-        }
-
         fn decode(&mut self, batch: &mut Vec<Event>, _: &mut ReadReport) -> Result<bool, RecordingError> {
-            let count = self.0.len().min(self.2);
+            let count = self.0.len().min(self.1);
             batch.extend(self.0.drain(..count));
             Ok(!self.0.is_empty())
         }
@@ -474,10 +470,9 @@ mod tests {
     }
 
     fn reader_of(events: Vec<Event>, own: Option<Sensor>, wanted: Option<Sensor>, together: usize) -> EventReader {
-        let information =
-            RecordingInformation { format: "given", sensor: own, camera_name: None, began: None, notes: Vec::new() };
+        let information = RecordingInformation { format: "given", sensor: own, ..Default::default() };
         let options = RecordingOptions { sensor: wanted, ..RecordingOptions::default() };
-        EventReader::new(Path::new("given"), Box::new(Given(events, information, together)), &options).unwrap()
+        EventReader::new(Path::new("given"), Opened::new(information, Given(events, together)), &options).unwrap()
     }
 
     fn at(t: i64) -> Event {
@@ -651,15 +646,10 @@ mod tests {
     #[test]
     fn an_impossible_sensor_size_is_rejected() {
         for sensor in [Sensor::new(0, 260), Sensor::new(346, 0), Sensor::new(32_768, 260)] {
-            let information = RecordingInformation {
-                format: "given",
-                sensor: Some(sensor),
-                camera_name: None,
-                began: None,
-                notes: Vec::new(),
-            };
-            let decoder = Box::new(Given(Vec::new(), information, 2));
-            assert!(EventReader::new(Path::new("given"), decoder, &RecordingOptions::default()).is_err());
+            let information =
+                RecordingInformation { format: "given", sensor: Some(sensor), ..RecordingInformation::default() };
+            let opened = Opened::new(information, Given(Vec::new(), 2));
+            assert!(EventReader::new(Path::new("given"), opened, &RecordingOptions::default()).is_err());
         }
     }
 }

@@ -9,17 +9,17 @@ use evcal_core::event::Event;
 use evcal_core::sensor::Sensor;
 use usb_davis::dump::Growth;
 
-use crate::chain::{ChainDecoder, ChainExtras, OpenDecoder};
-use crate::doubtful_unit::{Corrected, impossible_rate};
+use crate::chain::{ChainDecoder, OpenFile};
+use crate::doubtful_unit::{impossible_rate, note_correction};
 use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{NoExtras, ReadExtras};
+use crate::extras::Extras;
 use crate::files::Files;
-use crate::format::{FileFormat, HEAD_LENGTH, StreamSummary};
+use crate::format::{FileFormat, HEAD_LENGTH, OpenResult, StreamSummary};
 use crate::formats::format_of;
 use crate::memory::{self, MemoryDecoder};
 use crate::options::{RecordingOptions, TimeUnit};
-use crate::pictures::TimedImage;
-use crate::reader::{Decode, EventReader};
+use crate::pictures::{TimedImage, visit_frames};
+use crate::reader::EventReader;
 use crate::ros;
 
 /// Longest wait for the first [`HEAD_LENGTH`] bytes of a recording that is still being written.
@@ -107,11 +107,15 @@ impl Recording {
 
     /// Returns the paths of all files of this recording, in order of time.
     pub fn files(&self) -> Vec<&Path> {
-        let others = match &self.source {
-            Source::Chain(_, others) => others.as_slice(),
-            _ => &[],
-        };
-        std::iter::once(self.path()).chain(others.iter().map(Self::path)).collect()
+        std::iter::once(self.path()).chain(self.others().iter().map(Self::path)).collect()
+    }
+
+    /// The files that continue the first one.
+    fn others(&self) -> &[Self] {
+        match &self.source {
+            Source::Chain(_, others) => others,
+            Source::File(_) | Source::Memory(_) => &[],
+        }
     }
 
     /// Returns all files that are read, also those in a folder. Empty for a recording in memory, and for one that is
@@ -157,14 +161,6 @@ impl Recording {
         Self { options, source, ..self.clone() }
     }
 
-    /// Returns the first file of a chain as a recording of its own.
-    fn first(&self) -> Self {
-        match &self.source {
-            Source::Chain(format, _) => Self { source: Source::File(format), ..self.clone() },
-            _ => self.clone(),
-        }
-    }
-
     /// Options with which the recording is read.
     pub fn options(&self) -> &RecordingOptions {
         &self.options
@@ -181,42 +177,40 @@ impl Recording {
     /// # Errors
     /// When the file cannot be opened or its header is invalid.
     pub fn open(&self) -> Result<EventReader, RecordingError> {
-        let reader = EventReader::new(&self.path, self.decoder()?, &self.options)?;
-        let reader = reader.limited_to(self.span.clone()).of_size(self.files.bytes());
+        let reader = EventReader::new(&self.path, self.opened()?, &self.options)?;
+        let reader = reader.limited_to(self.span.clone(), self.files.bytes());
         // Events of a camera are shown as they arrive; its clock keeps them in order.
         Ok(if self.options.growth.is_some() { reader.without_delay() } else { reader })
     }
 
-    fn decoder(&self) -> Result<Box<dyn Decode>, RecordingError> {
+    fn opened(&self) -> OpenResult {
         Ok(match &self.source {
-            Source::File(format) => self.file_decoder(format)?,
-            Source::Memory(events) => Box::new(MemoryDecoder::new(Arc::clone(events), self.options.sensor)),
-            Source::Chain(_, others) => {
-                let open = |other: &Self| -> OpenDecoder {
+            Source::File(format) => self.open_file(format)?,
+            Source::Memory(events) => MemoryDecoder::open(Arc::clone(events), self.options.sensor),
+            Source::Chain(format, others) => {
+                let open = |other: &Self| -> OpenFile {
                     let other = other.clone();
-                    Box::new(move || other.decoder())
+                    Box::new(move || other.opened())
                 };
-                Box::new(ChainDecoder::new(self.first().decoder()?, others.iter().map(open)))
+                ChainDecoder::open(self.open_file(format)?, others.iter().map(open))
             }
         })
     }
 
     /// Opens the decoder of a file. If the unit of its times is doubtful, chooses the unit that gives a plausible
     /// event rate.
-    fn file_decoder(&self, format: &FileFormat) -> Result<Box<dyn Decode>, RecordingError> {
+    fn open_file(&self, format: &FileFormat) -> OpenResult {
         let open =
             |options: &RecordingOptions| (format.events)(&self.path, options).map_err(RecordingError::of_the_start);
-        let mut decoder = open(&self.options)?;
-        if !decoder.is_unit_doubtful() {
-            return Ok(decoder);
+        let opened = open(&self.options)?;
+        if !opened.is_unit_doubtful {
+            return Ok(opened);
         }
-        match impossible_rate(&mut *decoder) {
-            None => open(&self.options),
-            Some(rate) => {
-                let stated = RecordingOptions { time_unit: Some(TimeUnit::Microseconds), ..self.options.clone() };
-                Ok(Box::new(Corrected::new(open(&stated)?, rate)))
-            }
-        }
+        let Some(rate) = impossible_rate(opened.decoder) else { return open(&self.options) };
+        let stated = RecordingOptions { time_unit: Some(TimeUnit::Microseconds), ..self.options.clone() };
+        let mut opened = open(&stated)?;
+        note_correction(&mut opened, rate);
+        Ok(opened)
     }
 
     /// Counts the packets and elements of each stream. Empty for formats with a single event stream.
@@ -225,10 +219,8 @@ impl Recording {
     /// When the file cannot be read.
     pub fn streams(&self) -> Result<Vec<StreamSummary>, RecordingError> {
         let mut streams = (self.format().streams)(&self.path, &self.options)?;
-        if let Source::Chain(_, others) = &self.source {
-            for other in others.iter() {
-                streams.extend(other.streams()?);
-            }
+        for other in self.others() {
+            streams.extend(other.streams()?);
         }
         Ok(streams)
     }
@@ -237,16 +229,13 @@ impl Recording {
     ///
     /// # Errors
     /// When the file cannot be read.
-    pub fn open_extras(&self) -> Result<Box<dyn ReadExtras>, RecordingError> {
-        if let Source::Chain(_, others) = &self.source {
-            let first = self.first();
-            let files = std::iter::once(&first).chain(others.iter()).map(Self::open_extras);
-            return Ok(Box::new(ChainExtras { files: files.collect::<Result<_, _>>()? }));
+    pub fn open_extras(&self) -> Result<Extras, RecordingError> {
+        let Some(open) = self.format().extras else { return Ok(Extras::default()) };
+        let mut extras = open(&self.path, &self.options)?;
+        for other in self.others() {
+            extras = extras.followed_by(other.open_extras()?);
         }
-        match self.format().extras {
-            Some(open) => open(&self.path, &self.options),
-            None => Ok(Box::new(NoExtras)),
-        }
+        Ok(extras)
     }
 
     /// Passes the frames to `visit`, in file order. Damage ends the frames without an error; the returned sentence then
@@ -256,11 +245,9 @@ impl Recording {
     /// When the file cannot be opened.
     pub fn visit_frames(&self, mut visit: impl FnMut(TimedImage)) -> Result<Option<String>, RecordingError> {
         let Some(frames) = self.format().frames else { return Ok(None) };
-        let mut end = frames(&self.path, &self.options, &mut visit)?;
-        if let Source::Chain(_, others) = &self.source {
-            for other in others.iter() {
-                end = end.and(frames(&other.path, &other.options, &mut visit)?);
-            }
+        let mut end = Ok(());
+        for file in std::iter::once(self).chain(self.others()) {
+            end = end.and(visit_frames(frames(&file.path, &file.options)?, &file.path, &mut visit));
         }
         Ok(end.err().map(|error| match error.kind {
             RecordingErrorKind::FrameEncoding { .. } => error.to_string(),

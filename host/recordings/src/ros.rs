@@ -13,6 +13,7 @@
 
 mod bag;
 mod bayer;
+mod chunked;
 mod container;
 mod db3;
 mod events;

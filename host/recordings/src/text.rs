@@ -27,8 +27,7 @@ use error::MAX_LINE;
 use evcal_core::event::{Event, Polarity};
 use layout::Layout;
 
-use super::bytes::SourceFile;
-use super::bytes::share;
+use super::bytes::{SourceFile, share};
 use super::columns::{LayoutError, PolarityCode};
 use super::counter::TimeCounter;
 use super::encode::{Encode, OutputFormat, WriteError};
@@ -36,7 +35,7 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Head, OpenResult, Uses};
 use crate::options::{Column, RecordingOptions};
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 
 /// Text or CSV.
 pub const FORMAT: FileFormat = FileFormat {
@@ -46,18 +45,10 @@ pub const FORMAT: FileFormat = FileFormat {
 };
 
 /// Text with a title such as `t,x,y,p,us,346x260`.
-pub const OUTPUT: OutputFormat = OutputFormat {
-    name: "csv",
-    title: None,
-    extensions: &["csv", "txt"],
-    contains_sensor: true,
-    contains_extras: false,
-    create: |file, description| {
-        let file = BufWriter::with_capacity(1 << 18, file()?);
-        Ok(Box::new(Encoder::new(file, description.sensor)?))
-    },
-    copy_transfers: None,
-};
+pub const OUTPUT: OutputFormat = OutputFormat::of_events("csv", &["csv", "txt"], |file, description| {
+    let file = BufWriter::with_capacity(1 << 18, file()?);
+    Ok(Box::new(Encoder::new(file, description.sensor)?))
+});
 
 fn recognise(head: &Head) -> bool {
     head.text().is_some_and(|text| text.bytes().any(|byte| byte.is_ascii_digit()) || layout::is_named(text))
@@ -74,7 +65,6 @@ struct Decoder {
     file: BufReader<SourceFile>,
     layout: Layout,
     counter: TimeCounter,
-    information: RecordingInformation,
     line: Vec<u8>,
     /// Number of the latest line, from 1.
     number: u64,
@@ -112,15 +102,16 @@ impl Decoder {
         let information = RecordingInformation {
             format: FORMAT.name,
             sensor: layout.sensor,
-            camera_name: None,
-            began: None,
             notes: layout.notes.clone(),
+            ..RecordingInformation::default()
         };
         let path = path.to_owned();
         let (line, counter) = (Vec::new(), TimeCounter::new(layout.time_unit));
         let batch = if options.growth.is_some() { GROWING_BATCH } else { BATCH };
         let (number, last_field) = (0, 0);
-        Ok(Box::new(Self { path, file, layout, counter, information, line, number, byte, length, last_field, batch }))
+        let is_unit_doubtful = layout.is_unit_doubtful;
+        let decoder = Self { path, file, layout, counter, line, number, byte, length, last_field, batch };
+        Ok(Opened { is_unit_doubtful, ..Opened::new(information, decoder) })
     }
 
     /// Reads the next event with the fast parser ([`plain`]), if the line has the usual form and is completely in the
@@ -183,10 +174,6 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         while batch.len() < self.batch {
             let line = match self.next_plain_line() {
@@ -204,10 +191,6 @@ impl Decode for Decoder {
 
     fn done(&self) -> Option<f64> {
         Some(share(self.byte, self.length))
-    }
-
-    fn is_unit_doubtful(&self) -> bool {
-        self.layout.is_unit_doubtful
     }
 }
 

@@ -1,82 +1,115 @@
 //! Formats that are recognised by their first bytes but not supported.
 
-use std::fmt;
-
 use evcal_files::remedies;
 
 /// A format that is recognised but not supported.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnsupportedFormat {
     /// AEDAT 1 of jAER.
+    #[error("AEDAT 1")]
     Aedat1,
     /// AEDAT 3 with compressed packets.
+    #[error("AEDAT 3 with compressed packets")]
     Aedat3Compressed,
     /// A bag of ROS 1 before version 2.
+    #[error("ROS bag of version 1")]
     Rosbag1,
     /// HDF5, if this library was built without support for it.
+    #[error("HDF5")]
     Hdf5,
     /// HDF5 whose arrays are views of other arrays (virtual datasets).
+    #[error("virtual HDF5")]
     VirtualHdf5,
     /// Prophesee RAW in an encoding other than EVT 2.0, 2.1, 3.0 and 4.0.
+    #[error("Prophesee RAW with an encoding other than EVT 2.0, 2.1, 3.0 or 4.0")]
     PropheseeEncoding,
     /// Event Stream of a version other than 2.
+    #[error("Event Stream (of a version other than 2)")]
     EventStreamVersion,
     /// Event Stream that is neither from a DVS nor from an ATIS (colours, or generic bytes).
+    #[error("Event Stream (from neither a DVS nor an ATIS)")]
     EventStreamKind,
     /// gzip.
+    #[error("gzip")]
     Gzip,
     /// xz.
+    #[error("xz")]
     Xz,
     /// Zstandard.
+    #[error("Zstandard")]
     Zstandard,
     /// bzip2.
+    #[error("bzip2")]
     Bzip2,
     /// LZ4.
+    #[error("LZ4")]
     Lz4,
     /// tar.
+    #[error("tar")]
     Tar,
     /// 7z.
+    #[error("7z")]
     SevenZip,
     /// RAR.
+    #[error("RAR")]
     Rar,
     /// ZIP without NumPy arrays.
+    #[error("ZIP")]
     Zip,
     /// ZIP whose arrays have a compression that NumPy does not use.
+    #[error("ZIP")]
     ZipCompression,
     /// A spreadsheet of Excel.
+    #[error("spreadsheet")]
     Spreadsheet,
     /// A calibration written by evcal.
+    #[error("calibration")]
     Calibration,
     /// A calibration report written by evcal.
+    #[error("calibration report")]
     CalibrationReport,
     /// JSON.
+    #[error("JSON")]
     Json,
     /// YAML.
+    #[error("YAML")]
     Yaml,
     /// PDF.
+    #[error("PDF")]
     Pdf,
     /// PNG.
+    #[error("PNG")]
     Png,
     /// Apache Parquet.
+    #[error("Parquet")]
     Parquet,
     /// Apache Arrow.
+    #[error("Feather (Apache Arrow)")]
     Arrow,
     /// A pcap with the fields of a modified libpcap of 1998.
+    #[error("modified pcap")]
     ModifiedPcap,
     /// MATLAB before version 7.3 (later versions are HDF5).
+    #[error("MATLAB")]
     Matlab,
     /// A Python pickle.
+    #[error("Python pickle")]
     Pickle,
     /// A video.
+    #[error("video")]
     Video,
     /// A web page.
+    #[error("downloaded HTML")]
     Html,
     /// The pointer file of Git LFS for a large file.
+    #[error("Git LFS pointer")]
     GitLfsPointer,
     /// Text with two bytes per character.
+    #[error("UTF-16 text")]
     Utf16,
     /// Text with one byte per character, some of them not ASCII.
+    #[error("Latin-1 text")]
     Latin1,
 }
 
@@ -115,47 +148,6 @@ remedies! { UnsupportedFormat, say;
     Self::GitLfsPointer => "the file is only a pointer: run git lfs pull to fetch the recording";
     Self::Utf16 => "save it as UTF-8, or convert it with iconv -f UTF-16 -t UTF-8";
     Self::Latin1 => "save it as UTF-8, or convert it with iconv -f LATIN1 -t UTF-8";
-}
-
-impl fmt::Display for UnsupportedFormat {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Aedat1 => "AEDAT 1",
-            Self::Aedat3Compressed => "AEDAT 3 with compressed packets",
-            Self::Rosbag1 => "ROS bag of version 1",
-            Self::Hdf5 => "HDF5",
-            Self::VirtualHdf5 => "virtual HDF5",
-            Self::PropheseeEncoding => "Prophesee RAW with an encoding other than EVT 2.0, 2.1, 3.0 or 4.0",
-            Self::EventStreamVersion => "Event Stream (of a version other than 2)",
-            Self::EventStreamKind => "Event Stream (from neither a DVS nor an ATIS)",
-            Self::Gzip => "gzip",
-            Self::Xz => "xz",
-            Self::Zstandard => "Zstandard",
-            Self::Bzip2 => "bzip2",
-            Self::Lz4 => "LZ4",
-            Self::ModifiedPcap => "modified pcap",
-            Self::Arrow => "Feather (Apache Arrow)",
-            Self::Tar => "tar",
-            Self::SevenZip => "7z",
-            Self::Rar => "RAR",
-            Self::Zip | Self::ZipCompression => "ZIP",
-            Self::Spreadsheet => "spreadsheet",
-            Self::Calibration => "calibration",
-            Self::CalibrationReport => "calibration report",
-            Self::Json => "JSON",
-            Self::Yaml => "YAML",
-            Self::Pdf => "PDF",
-            Self::Png => "PNG",
-            Self::Parquet => "Parquet",
-            Self::Matlab => "MATLAB",
-            Self::Pickle => "Python pickle",
-            Self::Video => "video",
-            Self::Html => "downloaded HTML",
-            Self::GitLfsPointer => "Git LFS pointer",
-            Self::Utf16 => "UTF-16 text",
-            Self::Latin1 => "Latin-1 text",
-        })
-    }
 }
 
 /// Text near the beginning of a calibration report.

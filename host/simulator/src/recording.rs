@@ -269,7 +269,7 @@ mod tests {
     use crate::scene::SceneSettings;
     use crate::sensor::SensorModel;
     use crate::tests::{board, radtan};
-    use event_recordings::aedat4::other_streams::{FrameReader, InertialReader};
+    use event_recordings::extras::Extra;
     use event_recordings::{Recording, RecordingOptions, davis};
 
     const DAVIS: fn() -> DavisSettings =
@@ -358,19 +358,22 @@ mod tests {
             seen.extend_from_slice(&batch);
         }
         assert_eq!(seen, events);
-        let mut reader = FrameReader::open(&path, &RecordingOptions::default()).unwrap();
-        for SimulatedFrame { times, pixels } in frames {
-            let frame = reader.next_frame().unwrap().unwrap();
+        let (mut extras, mut lost) = (recording.open_extras().unwrap(), Vec::new());
+        let (mut found_frames, mut found_samples) = (Vec::new(), Vec::new());
+        while let Some(extra) = extras.next_until(i64::MAX, &mut lost) {
+            match extra {
+                Extra::Frame(frame) => found_frames.push(frame),
+                Extra::Inertial(sample) => found_samples.push(sample),
+            }
+        }
+        assert_eq!((found_frames.len(), lost), (frames.len(), vec![]));
+        for (SimulatedFrame { times, pixels }, frame) in frames.iter().zip(found_frames) {
             assert_eq!(frame.exposure, Some((times.exposure_start as i64, times.exposure_end as i64)));
             assert_eq!(frame.readout, Some((times.start as i64, times.end as i64)));
             assert_eq!((frame.size, frame.channels, frame.t), ((346, 260), 1, times.exposure_start as i64 + 2000));
-            assert!(frame.pixels.iter().zip(&pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
+            assert!(frame.pixels.iter().zip(pixels).all(|(eight, ten)| u16::from(*eight) == ten / 4));
         }
-        assert_eq!(reader.next_frame().unwrap(), None);
-        let expected: Vec<InertialSample> = samples.iter().map(inertial_sample).collect();
-        let mut reader = InertialReader::open(&path, &RecordingOptions::default()).unwrap();
-        let found = std::iter::from_fn(|| reader.next_sample().unwrap());
-        assert_eq!(found.collect::<Vec<_>>(), expected);
+        assert_eq!(found_samples, samples.iter().map(inertial_sample).collect::<Vec<_>>());
     }
 
     #[test]

@@ -20,7 +20,7 @@ use event_recordings::convert::{
     Change, ConversionProgress, ConversionReport, ConvertError, TimeOrigin, convert_changed,
 };
 use event_recordings::encode::OutputFormat;
-use event_recordings::extras::{Extra, NoExtras, left_out};
+use event_recordings::extras::{Extra, Extras};
 use event_recordings::{EventReader, Recording, RecordingError, RecordingOptions};
 
 /// File name of the camera of undistorted frames or pictures, in their folder.
@@ -238,7 +238,7 @@ pub fn undistort_sub_pixel(
     writer.finish()?;
     report.conversion.report = reader.report().clone();
     report.conversion.notes = reader.information().notes.clone();
-    report.conversion.lost = left_out(&NoExtras, reader.report());
+    report.conversion.lost = Extras::default().left_out(reader.report());
     Ok(report)
 }
 

@@ -9,16 +9,17 @@
 //! `IMUSample`). Samples are in the axes of the IMU, because jAER's sources contradict each other about its orientation
 //! to the sensor.
 
+use std::collections::VecDeque;
 use std::path::Path;
 
 use evcal_core::sensor::Sensor;
 
-use super::{Clock, Layout, RECORD, Ranges, is_level, is_sample, start};
+use super::{Clock, Layout, RECORD, Ranges, is_level, is_sample, start, words};
 use crate::bytes::ByteReader;
 use crate::error::RecordingError;
-use crate::extras::{Extra, Frame, InertialSample, OtherStreams, ReadExtras, take_until};
+use crate::extras::{Extras, Frame, InertialSample, Item, Items, find_streams};
 use crate::options::RecordingOptions;
-use crate::pictures::{NoImage, TimedImage};
+use crate::pictures::NoImage;
 use crate::read_report::ReadReport;
 
 /// Names under which the reader of the events counts these words.
@@ -187,115 +188,75 @@ struct Words {
     sample: Sample,
     block: Vec<u8>,
     /// Complete frames and samples that have not been returned yet, in order.
-    waiting: std::collections::VecDeque<Extra>,
+    waiting: VecDeque<Item>,
     ended: bool,
 }
 
+/// Opens the frames and IMU samples of the file at `path`. A camera that is not a DAVIS has none.
+pub fn items(path: &Path, options: &RecordingOptions) -> Result<Items, RecordingError> {
+    let start = start(path, options)?;
+    let Layout::Davis(sensor) = start.layout else { return Ok(Box::new(std::iter::empty())) };
+    Ok(Box::new(Words {
+        file: start.file,
+        clock: start.clock,
+        frame: Growing::new(sensor),
+        sample: Sample { ranges: start.ranges, ..Sample::default() },
+        block: Vec::new(),
+        waiting: VecDeque::new(),
+        ended: false,
+    }))
+}
+
+/// Opens the frames and IMU samples of the file at `path`, in the order in which they are complete.
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
+    let streams = find_streams(items(path, options)?)?;
+    Ok(Extras::new(streams, [LEVELS, SAMPLES].map(str::to_owned), items(path, options)?))
+}
+
 impl Words {
-    /// Opens the file; `None` if its camera is not a DAVIS, and thus has neither frames nor samples.
-    fn open(path: &Path, options: &RecordingOptions) -> Result<Option<Self>, RecordingError> {
-        let start = start(path, options)?;
-        let Layout::Davis(sensor) = start.layout else { return Ok(None) };
-        Ok(Some(Self {
-            file: start.file,
-            clock: start.clock,
-            frame: Growing::new(sensor),
-            sample: Sample { ranges: start.ranges, ..Sample::default() },
-            block: Vec::new(),
-            waiting: std::collections::VecDeque::new(),
-            ended: false,
-        }))
+    /// Reads a block of words.
+    fn read(&mut self) -> Result<(), RecordingError> {
+        // The reader of the events reports a record that is cut off.
+        self.ended = !self.file.read_records::<RECORD>(&mut self.block, BLOCK, &mut ReadReport::default())?;
+        for record in self.block.as_chunks().0 {
+            let (word, time) = words(*record);
+            let t = self.clock.time(time);
+            if is_sample(word) {
+                self.waiting.extend(self.sample.push(word, t).map(Item::Inertial));
+            } else if is_level(word) {
+                self.waiting.extend(self.frame.push(word, t).into_iter().flatten().map(item));
+            }
+        }
+        if self.ended {
+            self.waiting.extend(self.frame.take().map(item));
+        }
+        Ok(())
     }
+}
 
-    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
+impl Iterator for Words {
+    type Item = Result<Item, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
         while self.waiting.is_empty() && !self.ended {
-            // The reader of the events reports a record that is cut off.
-            self.ended = !self.file.read_records::<RECORD>(&mut self.block, BLOCK, &mut ReadReport::default())?;
-            for &[a, b, c, d, time @ ..] in self.block.as_chunks::<RECORD>().0 {
-                let (word, t) = (u32::from_be_bytes([a, b, c, d]), self.clock.time(u32::from_be_bytes(time)));
-                if is_sample(word) {
-                    self.waiting.extend(self.sample.push(word, t).map(Extra::Inertial));
-                } else if is_level(word) {
-                    self.waiting.extend(self.frame.push(word, t).into_iter().flatten().map(Extra::Frame));
-                }
-            }
-            if self.ended {
-                self.waiting.extend(self.frame.take().map(Extra::Frame));
+            if let Err(error) = self.read() {
+                return Some(Err(error));
             }
         }
-        Ok(self.waiting.pop_front())
-    }
-
-    /// Returns the kinds of streams in the file.
-    fn find_streams(mut self) -> Result<OtherStreams, RecordingError> {
-        let mut streams = OtherStreams::default();
-        while !(streams.frames && streams.imu) {
-            match self.next()? {
-                Some(Extra::Frame(_)) => streams.frames = true,
-                Some(Extra::Inertial(_)) => streams.imu = true,
-                None => break,
-            }
-        }
-        Ok(streams)
+        self.waiting.pop_front().map(Ok)
     }
 }
 
-struct WordExtras {
-    words: Option<Words>,
-    next: Option<Extra>,
-    streams: OtherStreams,
-}
-
-/// Opens the frames and IMU samples of the file at `path`.
-pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let streams = Words::open(path, options)?.map_or(Ok(OtherStreams::default()), Words::find_streams)?;
-    let mut words = Words::open(path, options)?;
-    let next = words.as_mut().map_or(Ok(None), Words::next)?;
-    Ok(Box::new(WordExtras { words, next, streams }))
-}
-
-impl ReadExtras for WordExtras {
-    fn streams(&self) -> OtherStreams {
-        self.streams
-    }
-
-    fn first_time(&mut self) -> Option<i64> {
-        self.next.as_ref().map(Extra::start)
-    }
-
-    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        take_until(&mut self.next, end, lost, || self.words.as_mut().map_or(Ok(None), Words::next))
-    }
-
-    fn reads(&self, stream: &str) -> bool {
-        [(LEVELS, self.streams.frames), (SAMPLES, self.streams.imu)].contains(&(stream, true))
-    }
-}
-
-/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
-pub fn visit_frames(
-    path: &Path,
-    options: &RecordingOptions,
-    visit: &mut dyn FnMut(TimedImage),
-) -> Result<Result<(), RecordingError>, RecordingError> {
-    let Some(mut words) = Words::open(path, options)? else { return Ok(Ok(())) };
-    Ok(loop {
-        match words.next() {
-            Ok(Some(Extra::Frame(frame))) => {
-                let rolling = frame.exposure.is_none();
-                let image = TimedImage::from(frame);
-                visit(if rolling { TimedImage { image: Err(NoImage::RollingShutter), ..image } } else { image });
-            }
-            Ok(Some(Extra::Inertial(_))) => {}
-            Ok(None) => break Ok(()),
-            Err(error) => break Err(error),
-        }
-    })
+fn item(frame: Frame) -> Item {
+    let reason = frame.exposure.is_none().then_some(NoImage::RollingShutter);
+    Item::Frame(frame, reason)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::extras::{Extra, OtherStreams};
+    use crate::pictures::TimedImage;
     use crate::{Recording, testing};
 
     const SENSOR: Sensor = Sensor::new(240, 180);
@@ -388,7 +349,7 @@ mod tests {
             sorted
         };
         assert_eq!((in_order(&found), lost), (in_order(&expected), Vec::new()));
-        assert!(extras.reads(LEVELS) && extras.reads(SAMPLES) && !extras.reads("signals"));
+        assert_eq!(extras.names, [LEVELS, SAMPLES]);
         let mut count = 0;
         assert_eq!(recording.visit_frames(|_| count += 1).unwrap(), None);
         assert_eq!(count, 2);

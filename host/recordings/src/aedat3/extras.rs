@@ -7,14 +7,11 @@
 
 use std::path::Path;
 
-use super::packets::{Header, PacketHead, header, name, next_head, sensor, time};
-use super::{chosen, other_name};
-use crate::bytes::ByteReader;
-use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{BOTH, Extra, Frame, InertialSample, OtherStreams, ReadExtras, read_or_report, take_until};
-use crate::format::Head;
+use super::packets::{PacketHead, name, next_head, time};
+use super::{Decoder, other_name, start};
+use crate::error::{RecordingError, up_to_damage};
+use crate::extras::{Extras, Frame, InertialSample, Item, Items, OtherStreams};
 use crate::options::RecordingOptions;
-use crate::pictures::TimedImage;
 
 const FRAMES: i16 = 2;
 const SAMPLES: i16 = 3;
@@ -24,38 +21,15 @@ const SAMPLE: usize = 36;
 /// Size limit of a frame or sample in bytes (64 MiB); a larger one is treated as damage.
 const LARGEST: u64 = 1 << 26;
 
-/// Reader of the packets of one camera, which decodes frames and samples.
-struct Packets {
-    file: ByteReader,
-    /// `None` if the header is invalid, which the reader of the events reports.
-    header: Option<Header>,
-    source: Option<i16>,
-    /// Height of the sensor, if rows count from below.
-    from_below: Option<u16>,
-    /// Head of the rest of a packet that has been read in part.
-    begun: Option<PacketHead>,
-    bytes: Vec<u8>,
-}
-
-impl Packets {
-    fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        let mut file = ByteReader::open(path)?;
-        let header = header(&Head::read(path)?.bytes);
-        let source = header.as_ref().map(|header| chosen(path, header, options)).transpose()?.flatten();
-        let sensor = options.sensor.or_else(|| sensor(&source?.1));
-        let from_below = sensor.filter(|_| header.as_ref().is_some_and(|header| header.from_below));
-        let from_below = from_below.map(|sensor| sensor.height);
-        let source = source.map(|(number, _)| *number);
-        let start = header.as_ref().map_or(u64::MAX, |header| header.length);
-        file.seek(start.min(file.left()))?;
-        Ok(Self { file, header, source, from_below, begun: None, bytes: Vec::new() })
+impl Decoder {
+    fn upright(&self, frame: Frame) -> Frame {
+        if self.from_below.is_some() { frame.flipped(self.from_below) } else { frame }
     }
 
     /// Returns the head of the next complete packet of frames or samples.
     fn next_packet(&mut self) -> Result<Option<PacketHead>, RecordingError> {
         while let Some(head) = next_head(&mut self.file, &mut None)?.filter(|head| head.length == head.wanted) {
-            let is_of = |header: &Header| header.is_of(self.source, head.source);
-            if matches!(head.kind, FRAMES | SAMPLES) && self.header.as_ref().is_some_and(is_of) {
+            if matches!(head.kind, FRAMES | SAMPLES) && self.header.is_of(self.source, head.source) {
                 return Ok(Some(head));
             }
             self.file.seek(self.file.position() + head.length)?;
@@ -63,15 +37,13 @@ impl Packets {
         Ok(None)
     }
 
-    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
+    fn next_item(&mut self) -> Result<Option<Item>, RecordingError> {
         loop {
-            let head = match self.begun.take() {
-                Some(head) => head,
-                None => match self.next_packet()? {
-                    Some(head) => head,
-                    None => return Ok(None),
-                },
+            let begun = match self.begun.take() {
+                None => self.next_packet()?,
+                begun => begun,
             };
+            let Some(head) = begun else { return Ok(None) };
             if head.size == 0 || head.size > head.length || head.size > LARGEST {
                 self.file.seek(self.file.position() + head.length)?;
                 if head.size > LARGEST && head.length > 0 {
@@ -81,18 +53,26 @@ impl Packets {
                 }
                 continue;
             }
-            self.file.read(&mut self.bytes, head.size)?;
+            self.file.read(&mut self.part, head.size)?;
             self.begun = Some(head.without(head.size));
-            if self.bytes.first().is_none_or(|flags| flags & 1 == 0) {
+            if self.part.first().is_none_or(|flags| flags & 1 == 0) {
                 continue;
             }
-            let extra = match head.kind {
-                FRAMES => frame(&head, &self.bytes).map(|frame| Extra::Frame(upright(frame, self.from_below))),
-                _ => sample(&head, &self.bytes).map(Extra::Inertial),
+            let item = match head.kind {
+                FRAMES => frame(&head, &self.part).map(|frame| Item::Frame(self.upright(frame), None)),
+                _ => sample(&head, &self.part).map(Item::Inertial),
             };
             let damaged = || self.file.damaged(head.byte, format!("a packet of {} is damaged", name(head.kind)));
-            return extra.map(Some).ok_or_else(damaged);
+            return item.map(Some).ok_or_else(damaged);
         }
+    }
+}
+
+impl Iterator for Decoder {
+    type Item = Result<Item, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.next_item().transpose()
     }
 }
 
@@ -121,16 +101,6 @@ fn frame(head: &PacketHead, event: &[u8]) -> Option<Frame> {
     Some(Frame { t, exposure: Some(exposure), readout: Some((start, end)), size, position, channels, pixels })
 }
 
-/// Flips a frame if rows count from below; `from_below` is then the height of the sensor.
-fn upright(mut frame: Frame, from_below: Option<u16>) -> Frame {
-    let Some(height) = from_below else { return frame };
-    let row = usize::from(frame.size.0) * frame.channels;
-    let rows: Vec<&[u8]> = frame.pixels.chunks_exact(row.max(1)).rev().collect();
-    frame.pixels = rows.concat();
-    frame.position.1 = height.saturating_sub(frame.position.1.saturating_add(frame.size.1));
-    frame
-}
-
 fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
     let [_, t, numbers @ ..] = event.first_chunk::<SAMPLE>()?.as_chunks::<4>().0 else { return None };
     let &[ax, ay, az, gx, gy, gz, temperature] = numbers else { return None };
@@ -143,78 +113,35 @@ fn sample(head: &PacketHead, event: &[u8]) -> Option<InertialSample> {
     })
 }
 
-struct PacketExtras {
-    packets: Packets,
-    next: Option<Extra>,
-    streams: OtherStreams,
-    /// Description of an error in the first element.
-    lost: Vec<String>,
+/// Opens the frames and IMU samples of the file at `path`. The reader of the events reports an invalid header.
+pub fn items(path: &Path, options: &RecordingOptions) -> Result<Items, RecordingError> {
+    Ok(Box::new(begin(path, options)?.into_iter().flatten()))
+}
+
+/// Opens the file at `path` as it is now, even if it is still being written.
+fn begin(path: &Path, options: &RecordingOptions) -> Result<Option<Decoder>, RecordingError> {
+    start(path, &RecordingOptions { growth: None, ..options.clone() })
 }
 
 /// Opens the frames and IMU samples of the file at `path`.
-pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let mut heads = Packets::open(path, options)?;
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
+    let Some(mut heads) = begin(path, options)? else { return Ok(Extras::default()) };
     let mut streams = OtherStreams::default();
-    while !(streams.frames && streams.imu) {
-        match heads.next_packet() {
-            Ok(Some(head)) => {
-                streams.frames |= head.kind == FRAMES;
-                streams.imu |= head.kind == SAMPLES;
-                heads.file.seek(heads.file.position() + head.length)?;
-            }
-            // Damage is reported when the packet is read.
-            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
-            Err(error) => return Err(error),
-        }
+    while !(streams.frames && streams.imu)
+        && let Some(head) = up_to_damage(heads.next_packet())?
+    {
+        streams.frames |= head.kind == FRAMES;
+        streams.imu |= head.kind == SAMPLES;
+        heads.file.seek(heads.file.position() + head.length)?;
     }
-    let mut packets = Packets::open(path, options)?;
-    let mut lost = Vec::new();
-    let next = read_or_report(packets.next(), BOTH, &mut lost);
-    Ok(Box::new(PacketExtras { packets, next, streams, lost }))
-}
-
-impl ReadExtras for PacketExtras {
-    fn streams(&self) -> OtherStreams {
-        self.streams
-    }
-
-    fn first_time(&mut self) -> Option<i64> {
-        self.next.as_ref().map(Extra::start)
-    }
-
-    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        lost.append(&mut self.lost);
-        take_until(&mut self.next, end, lost, || self.packets.next())
-    }
-
-    fn reads(&self, stream: &str) -> bool {
-        let Packets { header: Some(header), source, .. } = &self.packets else { return false };
-        [(FRAMES, self.streams.frames), (SAMPLES, self.streams.imu)]
-            .into_iter()
-            .any(|(kind, is_read)| is_read && stream == other_name(header, kind, source.unwrap_or_default()))
-    }
-}
-
-/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
-pub fn visit_frames(
-    path: &Path,
-    options: &RecordingOptions,
-    visit: &mut dyn FnMut(TimedImage),
-) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut packets = Packets::open(path, options)?;
-    Ok(loop {
-        match packets.next() {
-            Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
-            Ok(Some(Extra::Inertial(_))) => {}
-            Ok(None) => break Ok(()),
-            Err(error) => break Err(error),
-        }
-    })
+    let name = |kind| other_name(&heads.header, kind, heads.source.unwrap_or_default());
+    Ok(Extras::new(streams, [FRAMES, SAMPLES].map(name), items(path, options)?))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::extras::Extra;
     use crate::{Recording, RecordingOptions, testing};
 
     fn packet(kind: i16, turns: i32, events: &[Vec<u8>]) -> Vec<u8> {
@@ -292,7 +219,7 @@ mod tests {
         let mut lost = Vec::new();
         let found: Vec<Extra> = std::iter::from_fn(|| extras.next_until(i64::MAX, &mut lost)).collect();
         assert_eq!((found.as_slice(), lost), (expected.as_slice(), Vec::new()));
-        assert!(extras.reads("frames (2)") && extras.reads("IMU samples (3)") && !extras.reads("events (1)"));
+        assert_eq!(extras.names, ["frames (2)", "IMU samples (3)"]);
         let mut count = 0;
         assert_eq!(recording.visit_frames(|_| count += 1).unwrap(), None);
         assert_eq!(count, 2);
@@ -326,9 +253,9 @@ mod tests {
         let mut count = 0;
         let lost = recording.visit_frames(|_| count += 1).unwrap().unwrap();
         assert!(count == 2 && lost.contains("frames is damaged"), "{count} {lost}");
-        let mut packets = Packets::open(recording.path(), &RecordingOptions::default()).unwrap();
-        packets.next().unwrap();
-        assert_eq!(packets.bytes.len(), good.len());
+        let mut packets = begin(recording.path(), &RecordingOptions::default()).unwrap().unwrap();
+        packets.next().unwrap().unwrap();
+        assert_eq!(packets.part.len(), good.len());
     }
 
     /// Damage must not look like the end of the file.

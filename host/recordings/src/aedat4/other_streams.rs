@@ -6,6 +6,9 @@
 //! | `IMUS` | vector of tables: time, temperature, accelerations, angular velocities | samples |
 //! | `TRIG` | vector of tables, field 0 = time | triggers |
 
+#[cfg(test)]
+pub(super) mod tests;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::vec::IntoIter;
@@ -14,24 +17,32 @@ use super::flatbuffer::{self, Malformed, Table};
 use super::header::Stream;
 use super::packets::{PacketHead, PacketReader};
 use super::{EVENTS, choose_stream, describe, event, events, sensor_size};
-use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{Frame, InertialSample, Skipped, UnreadFrame, UnreadFrames};
+use crate::error::{RecordingError, up_to_damage};
+use crate::extras::{Extras, Frame, InertialSample, Item, UnreadFrame};
 use crate::format::StreamSummary;
-use crate::options::RecordingOptions;
-use crate::pictures::{TimedImage, highest_bits};
+use crate::options::{Damage, RecordingOptions};
+use crate::pictures::highest_bits;
 
-const FRAMES: &str = "FRME";
-const INERTIAL: &str = "IMUS";
+pub(super) const FRAMES: &str = "FRME";
+pub(super) const INERTIAL: &str = "IMUS";
 
-/// Packets of one stream: the first one of its kind from the camera whose events are read.
-struct StreamPackets {
+/// The frames or the IMU samples of a file: those of the first stream of this kind from the camera whose events are read.
+pub struct StreamItems {
     packets: PacketReader,
     stream: Option<Stream>,
-    skipped: Skipped,
+    /// Height of the sensor in pixels, if the file or the options contain it.
+    rows: Option<u16>,
+    damage: Damage,
+    /// The remaining samples of the current packet.
+    samples: IntoIter<InertialSample>,
 }
 
-impl StreamPackets {
-    fn open(path: &Path, options: &RecordingOptions, type_identifier: &str) -> Result<Self, RecordingError> {
+impl StreamItems {
+    /// Opens the file at `path`. A camera without such a stream has no elements.
+    ///
+    /// # Errors
+    /// When the file cannot be read or its header is damaged.
+    pub fn open(path: &Path, options: &RecordingOptions, type_identifier: &str) -> Result<Self, RecordingError> {
         let packets = PacketReader::open(path)?;
         let header = packets.header();
         let events = choose_stream(header, options.stream.as_deref(), &mut Vec::new()).ok();
@@ -42,159 +53,77 @@ impl StreamPackets {
         };
         let mut streams = header.streams.iter().filter(is_of_camera);
         let stream = streams.find(|stream| stream.type_identifier == type_identifier).cloned();
-        Ok(Self { packets, stream, skipped: Skipped::new(options.damage) })
+        let own = stream.as_ref().and_then(|stream| sensor_size(stream).ok().flatten());
+        let rows = own.or(options.sensor).map(|sensor| sensor.height);
+        Ok(Self { packets, stream, rows, damage: options.damage, samples: Vec::new().into_iter() })
     }
 
-    /// Parses the next complete packet; `None` at the end. Damaged packets are skipped if the options request it and
-    /// the position of the next packet is known.
-    fn next<T>(&mut self, parse: impl Fn(&[u8]) -> Result<T, Malformed>) -> Result<Option<T>, RecordingError> {
+    /// Description of the stream that is read, by [`describe`].
+    pub(super) fn name(&self) -> Option<String> {
+        self.stream.as_ref().map(describe)
+    }
+
+    /// Reads the next element; `None` at the end of the file, also if it was cut off. Damaged packets are skipped if
+    /// the options request it and the position of the next packet is known.
+    fn read(&mut self) -> Result<Option<Item>, RecordingError> {
         let Some(stream) = &self.stream else { return Ok(None) };
-        while let Some(head) = self.packets.next_packet()? {
+        loop {
+            if let Some(sample) = self.samples.next() {
+                return Ok(Some(Item::Inertial(sample)));
+            }
+            let Some(head) = self.packets.next_packet()? else { return Ok(None) };
             if head.stream != stream.id || head.cut_off {
                 continue;
             }
-            let error = match self.packets.content(&head).map(&parse) {
-                Ok(Ok(parsed)) => return Ok(Some(parsed)),
+            let content = self.packets.content(&head);
+            let error = match content.map(|content| packet(content, stream, self.rows)) {
+                Ok(Ok(Packet::Picture(item))) => return Ok(Some(item)),
+                Ok(Ok(Packet::Samples(samples))) => {
+                    self.samples = samples.into_iter();
+                    continue;
+                }
                 Ok(Err(Malformed(what))) => self.packets.damaged(&head, what),
                 Err(error) => error,
             };
-            self.skipped.add(error)?;
-        }
-        Ok(None)
-    }
-}
-
-/// Reader of the frames of a camera's first frame stream.
-pub struct FrameReader {
-    packets: StreamPackets,
-    /// Height of the sensor in pixels, if the file or the options contain it.
-    rows: Option<u16>,
-    unread: UnreadFrames,
-}
-
-impl FrameReader {
-    /// Opens the file at `path`. A camera without frame stream has no frames.
-    ///
-    /// # Errors
-    /// When the file cannot be read or its header is damaged.
-    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        let packets = StreamPackets::open(path, options, FRAMES)?;
-        let own = packets.stream.as_ref().and_then(|stream| sensor_size(stream).ok().flatten());
-        let rows = own.or(options.sensor).map(|sensor| sensor.height);
-        Ok(Self { packets, rows, unread: UnreadFrames::default() })
-    }
-
-    /// Description of the stream that is read, by [`describe`].
-    pub(super) fn stream(&self) -> Option<String> {
-        self.packets.stream.as_ref().map(describe)
-    }
-
-    /// `true` if [`Self::next_frame`] passed over a frame with an unsupported encoding.
-    pub(super) fn has_unread(&self) -> bool {
-        !self.unread.is_empty()
-    }
-
-    /// Adds to `lost`, once, the numbers of damaged packets and unsupported frames that were passed over.
-    pub(super) fn report_skipped(&mut self, lost: &mut Vec<String>) {
-        self.packets.skipped.report(lost);
-        self.unread.report(lost);
-    }
-
-    /// Reads the next frame with a supported encoding; `None` at the end of the file, also if it was cut off.
-    ///
-    /// # Errors
-    /// If the file cannot be read or a packet is damaged. The frames after it can still be read.
-    pub fn next_frame(&mut self) -> Result<Option<Frame>, RecordingError> {
-        while let Some(frame) = self.next_or_unread()? {
-            match frame {
-                Ok(frame) => return Ok(Some(frame)),
-                Err(unread) => self.unread.add(unread),
-            }
-        }
-        Ok(None)
-    }
-
-    /// Reads the next frame, also if its encoding is not supported.
-    fn next_or_unread(&mut self) -> Result<Option<Result<Frame, UnreadFrame>>, RecordingError> {
-        let read = self.packets.next(|content| flatbuffer::root(content, b"FRME").and_then(|table| frame(&table)))?;
-        let from_below = self.packets.stream.as_ref().is_some_and(|stream| stream.rows_from_below);
-        Ok(read.map(|frame| frame.map(|frame| if from_below { flipped(frame, self.rows) } else { frame })))
-    }
-}
-
-/// Flips a frame whose rows count from below. `rows` is the height of the sensor; without it the frame is assumed to
-/// begin at the lowest row.
-fn flipped(frame: Frame, rows: Option<u16>) -> Frame {
-    let (column, row) = frame.position;
-    let above = row.saturating_add(frame.size.1);
-    let row = rows.unwrap_or(above).saturating_sub(above);
-    let length = usize::from(frame.size.0) * frame.channels;
-    let pixels = frame.pixels.chunks_exact(length.max(1)).rev().flatten().copied().collect();
-    Frame { position: (column, row), pixels, ..frame }
-}
-
-/// Reader of the samples of a camera's first inertial stream, packet by packet.
-pub struct InertialReader {
-    packets: StreamPackets,
-    /// The remaining samples of the current packet.
-    samples: IntoIter<InertialSample>,
-}
-
-impl InertialReader {
-    /// Opens the file at `path`. A file without inertial stream has no samples.
-    ///
-    /// # Errors
-    /// When the file cannot be read or its header is damaged.
-    pub fn open(path: &Path, options: &RecordingOptions) -> Result<Self, RecordingError> {
-        Ok(Self { packets: StreamPackets::open(path, options, INERTIAL)?, samples: Vec::new().into_iter() })
-    }
-
-    /// Description of the stream that is read, by [`describe`].
-    pub(super) fn stream(&self) -> Option<String> {
-        self.packets.stream.as_ref().map(describe)
-    }
-
-    /// Adds to `lost`, once, the number of damaged packets that were passed over.
-    pub(super) fn report_skipped(&mut self, lost: &mut Vec<String>) {
-        self.packets.skipped.report(lost);
-    }
-
-    /// Reads the next sample; `None` at the end of the file, also if it was cut off.
-    ///
-    /// # Errors
-    /// If the file cannot be read or a packet is damaged. The samples after it can still be read.
-    pub fn next_sample(&mut self) -> Result<Option<InertialSample>, RecordingError> {
-        loop {
-            if let Some(sample) = self.samples.next() {
-                return Ok(Some(sample));
-            }
-            match self.packets.next(inertial_packet)? {
-                Some(samples) => self.samples = samples.into_iter(),
-                None => return Ok(None),
-            }
+            return Item::skipped(error, self.damage).map(Some);
         }
     }
 }
 
-/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
-pub(super) fn visit_frames(
-    path: &Path,
-    options: &RecordingOptions,
-    visit: &mut dyn FnMut(TimedImage),
-) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut reader = FrameReader::open(path, options)?;
-    let mut unread = UnreadFrames::default();
-    Ok(loop {
-        match reader.next_or_unread() {
-            Ok(Some(Ok(frame))) => visit(frame.into()),
-            Ok(Some(Err(frame))) => {
-                visit((&frame).into());
-                unread.add(frame);
-            }
-            Ok(None) => break unread.error(path).map_or(Ok(()), Err),
-            Err(error) => break Err(error),
-        }
-    })
+impl Iterator for StreamItems {
+    type Item = Result<Item, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.read().transpose()
+    }
+}
+
+/// Opens the frames and IMU samples of the file at `path`. Damage of one stream does not end the other.
+pub(super) fn open_extras(path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
+    let mut extras = Extras::default();
+    for (what, type_identifier) in [("frames", FRAMES), ("IMU samples", INERTIAL)] {
+        let items = StreamItems::open(path, options, type_identifier)?;
+        extras.add(what, items.name(), Box::new(items));
+    }
+    Ok(extras)
+}
+
+/// Content of a packet.
+enum Packet {
+    Picture(Item),
+    Samples(Vec<InertialSample>),
+}
+
+/// Parses a packet of a stream of frames or samples.
+fn packet(content: &[u8], stream: &Stream, rows: Option<u16>) -> Result<Packet, Malformed> {
+    if stream.type_identifier == INERTIAL {
+        return inertial_packet(content).map(Packet::Samples);
+    }
+    Ok(Packet::Picture(match frame(&flatbuffer::root(content, b"FRME")?)? {
+        Ok(frame) if stream.rows_from_below => Item::Frame(frame.flipped(rows), None),
+        Ok(frame) => Item::Frame(frame, None),
+        Err(unread) => Item::Unread(unread),
+    }))
 }
 
 /// Storage of a frame's pixels.
@@ -291,13 +220,7 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
     let indices: BTreeMap<i32, usize> =
         streams.iter().enumerate().rev().map(|(index, stream)| (stream.id, index)).collect();
     let mut summaries: Vec<StreamSummary> = streams.iter().map(|stream| StreamSummary::new(describe(stream))).collect();
-    loop {
-        let head = match packets.next_packet() {
-            Ok(Some(head)) => head,
-            // The reader of the events reports damage.
-            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => return Ok(summaries),
-            Err(error) => return Err(error),
-        };
+    while let Some(head) = up_to_damage(packets.next_packet())? {
         let index = indices.get(&head.stream);
         let Some((stream, summary)) = index.and_then(|&index| Some((streams.get(index)?, summaries.get_mut(index)?)))
         else {
@@ -310,10 +233,11 @@ pub fn summarise(path: &Path) -> Result<Vec<StreamSummary>, RecordingError> {
                 summary.extend(times_us);
                 summary.unread = summary.unread.take().or(unread);
             }
-            Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => {}
+            Err(error) if error.is_damage() => {}
             Err(error) => return Err(error),
         }
     }
+    Ok(summaries)
 }
 
 /// Content of a packet, as numbers.
@@ -351,100 +275,4 @@ fn tables(content: &[u8], identifier: &[u8; 4]) -> Result<Elements, Malformed> {
     };
     let time = |index| vector.table(index)?.i64(0, 0);
     Ok(Elements { count: vector.length as u64, times_us: Some((time(0)?, time(last)?)), unread: None })
-}
-
-#[cfg(test)]
-pub(super) mod tests {
-    use super::*;
-
-    /// Builds a FlatBuffer with one table of i64 fields 0 to 4, a format byte, four i16 and a vector of bytes.
-    pub fn frame_bytes(format: u8, [width, height, x, y]: [i16; 4], pixels: &[u8]) -> Vec<u8> {
-        let mut bytes = 40u32.to_le_bytes().to_vec();
-        bytes.extend_from_slice(b"FRME");
-        // vtable of 11 fields at 8, 26 bytes long: t, frame start and end (absent), exposure, format...
-        for entry in [26u16, 48, 4, 0, 0, 12, 20, 28, 30, 32, 34, 36, 40] {
-            bytes.extend_from_slice(&entry.to_le_bytes());
-        }
-        bytes.resize(40, 0);
-        bytes.extend_from_slice(&32i32.to_le_bytes());
-        for t in [1000i64, 900, 1100] {
-            bytes.extend_from_slice(&t.to_le_bytes());
-        }
-        bytes.extend_from_slice(&[format, 0]);
-        for value in [width, height, x, y] {
-            bytes.extend_from_slice(&value.to_le_bytes());
-        }
-        bytes.resize(40 + 40, 0);
-        bytes.extend_from_slice(&4u32.to_le_bytes());
-        bytes.extend_from_slice(&(pixels.len() as u32).to_le_bytes());
-        bytes.extend_from_slice(pixels);
-        bytes
-    }
-
-    fn parse(bytes: &[u8]) -> Result<Frame, Malformed> {
-        parse_any(bytes).map(Result::unwrap)
-    }
-
-    fn parse_any(bytes: &[u8]) -> Result<Result<Frame, UnreadFrame>, Malformed> {
-        flatbuffer::root(bytes, b"FRME").and_then(|table| frame(&table))
-    }
-
-    #[test]
-    fn a_frame_is_read() {
-        let expected = Frame {
-            t: 1000,
-            exposure: Some((900, 1100)),
-            readout: None,
-            size: (3, 2),
-            position: (5, 6),
-            channels: 1,
-            pixels: vec![1, 2, 3, 4, 5, 6],
-        };
-        assert_eq!(parse(&frame_bytes(0, [3, 2, 5, 6], &[1, 2, 3, 4, 5, 6])).unwrap(), expected);
-        assert_eq!(parse(&frame_bytes(16, [1, 1, 0, 0], &[1, 2, 3])).unwrap().channels, 3);
-    }
-
-    /// Frames of jAER have 16 bits, of which 10 are used.
-    #[test]
-    fn frames_of_sixteen_bits_are_read_and_others_are_named() {
-        let ten: Vec<u8> = [1000_u16, 500, 4, 0].into_iter().flat_map(u16::to_le_bytes).collect();
-        assert_eq!(parse(&frame_bytes(2, [2, 2, 0, 0], &ten)).unwrap().pixels, [250, 125, 1, 0]);
-        let coloured: Vec<u8> = [0x0100_u16, 0x0200, 0xff00].into_iter().flat_map(u16::to_le_bytes).collect();
-        let frame = parse(&frame_bytes(18, [1, 1, 0, 0], &coloured)).unwrap();
-        assert_eq!((frame.channels, frame.pixels), (3, vec![1, 2, 255]));
-        for (format, name) in [(1, "8SC1"), (3, "16SC1"), (5, "32FC1"), (21, "32FC3"), (7, "16FC1"), (32, "8UC5")] {
-            let unread = parse_any(&frame_bytes(format, [1, 1, 0, 0], &[0; 4])).unwrap().unwrap_err();
-            assert_eq!((unread.t, unread.encoding.as_str()), (1000, name));
-        }
-    }
-
-    #[test]
-    fn a_frame_that_contradicts_itself_is_rejected() {
-        for (format, size, pixels) in
-            [(0, [3, 2, 0, 0], 5), (0, [-3, 2, 0, 0], 6), (2, [3, 2, 0, 0], 6), (16, [3, 2, 0, 0], 6)]
-        {
-            assert!(parse(&frame_bytes(format, size, &vec![0; pixels])).is_err());
-        }
-        let bytes = frame_bytes(0, [3, 2, 0, 0], &[0; 6]);
-        for length in 0..bytes.len() {
-            assert!(parse(&bytes[..length]).is_err());
-        }
-    }
-
-    /// Otherwise a packet of some kilobytes could give 16 million samples, one for each zero in such a vector.
-    #[test]
-    fn more_tables_than_a_packet_can_hold_are_rejected() {
-        let packet = |identifier: &[u8; 4], count: usize| {
-            // The vtable is at 8, the root table at 16, the vector at 24.
-            let mut bytes = [&16u32.to_le_bytes()[..], identifier].concat();
-            bytes.extend([6u16, 8, 4, 0].into_iter().flat_map(u16::to_le_bytes));
-            bytes.extend([8, 4, count as u32].into_iter().flat_map(u32::to_le_bytes));
-            bytes.resize(28 + 4 * count, 0);
-            bytes
-        };
-        assert!(inertial_packet(&packet(b"IMUS", 1000)).is_err());
-        assert!(tables(&packet(b"IMUS", 1000), b"IMUS").is_err() && tables(&packet(b"TRIG", 1000), b"TRIG").is_err());
-        let two = Elements { count: 2, times_us: Some((0, 0)), unread: None };
-        assert_eq!(tables(&packet(b"TRIG", 2), b"TRIG"), Ok(two));
-    }
 }

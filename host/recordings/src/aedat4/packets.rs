@@ -13,7 +13,7 @@ use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 
 use super::header::{self, Compression, Header, MAGIC};
 use crate::bytes::share;
-use crate::error::{RecordingError, RecordingErrorKind, Usable};
+use crate::error::{RecordingError, Usable};
 use crate::read_report::Truncation;
 
 /// Size limit of a decompressed packet (64 MiB, 4 million events). A larger one is damaged, because a camera would need
@@ -61,9 +61,7 @@ impl PacketReader {
     /// Opens the file, which is still being written if there is a `growth`, and reads its header.
     pub fn following(path: &Path, growth: Option<Growth>) -> Result<Self, RecordingError> {
         let io = |error| RecordingError::io(path, error);
-        let damaged = |byte, what: String| {
-            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Nothing })
-        };
+        let damaged = |byte, what: String| RecordingError::damaged(path, byte, what, Usable::Nothing);
         let file = File::open(path).map_err(io)?;
         let file_length = file.metadata().map_err(io)?.len();
         let mut file = BufReader::with_capacity(1 << 16, file);
@@ -125,7 +123,7 @@ impl PacketReader {
     /// Creates an error about the packet `head`.
     pub fn damaged(&self, head: &PacketHead, what: &str) -> RecordingError {
         let what = format!("a packet of stream {} is damaged: {what}", head.stream);
-        RecordingError::new(&self.path, RecordingErrorKind::Damaged { byte: head.byte, what, usable: Usable::Around })
+        RecordingError::damaged(&self.path, head.byte, what, Usable::Around)
     }
 
     /// Number of bytes allocated for packets.
@@ -169,8 +167,7 @@ impl PacketReader {
         }
         let Ok(length) = u64::try_from(size) else {
             let what = format!("a packet of stream {stream} states a size of {size} bytes");
-            let kind = RecordingErrorKind::Damaged { byte: start, what, usable: Usable::Before };
-            return Err(RecordingError::new(&self.path, kind));
+            return Err(RecordingError::damaged(&self.path, start, what, Usable::Before));
         };
         let byte = start + 8;
         self.wait_for(byte.saturating_add(length))?;
@@ -203,8 +200,7 @@ impl PacketReader {
     fn cut_off(&mut self, byte: u64, rest: String) -> Result<(), RecordingError> {
         if self.header.table_position == Some(self.end) {
             let what = format!("{rest} are left before the closing table: the sizes of packets do not add up");
-            let kind = RecordingErrorKind::Damaged { byte, what, usable: Usable::Before };
-            return Err(RecordingError::new(&self.path, kind));
+            return Err(RecordingError::damaged(&self.path, byte, what, Usable::Before));
         }
         let lost = match &self.truncated {
             Some(truncation) => format!("{rest} are left; {}", truncation.lost),

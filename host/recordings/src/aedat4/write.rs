@@ -25,15 +25,7 @@ pub const OUTPUT_UNCOMPRESSED: OutputFormat =
     output("aedat4-uncompressed", |file, description| create(file, description, Compression::None));
 
 const fn output(name: &'static str, create: CreateFile) -> OutputFormat {
-    OutputFormat {
-        name,
-        title: None,
-        extensions: &["aedat4"],
-        contains_sensor: true,
-        contains_extras: true,
-        create,
-        copy_transfers: None,
-    }
+    OutputFormat { contains_extras: true, ..OutputFormat::of_events(name, &["aedat4"], create) }
 }
 
 fn create(

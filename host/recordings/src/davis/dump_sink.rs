@@ -15,13 +15,9 @@ use crate::extras::{Extra, Frame, InertialSample, READOUT};
 
 /// Dumps of a DAVIS346.
 pub const OUTPUT: OutputFormat = OutputFormat {
-    name: "dvraw",
-    title: None,
-    extensions: &["dvraw"],
-    contains_sensor: true,
     contains_extras: true,
-    create: |file, description| Ok(Box::new(DumpSink::create(file, description)?)),
     copy_transfers: Some(transfers::copy),
+    ..OutputFormat::of_events("dvraw", &["dvraw"], |file, it| Ok(Box::new(DumpSink::create(file, it)?)))
 };
 
 /// Size of the sensor of a DAVIS346.

@@ -12,8 +12,7 @@ use usb_davis::registers::Dropped;
 
 use super::{FRAMES, INERTIAL, SIGNALS};
 use crate::bytes::share;
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::read_report::{ReadReport, RepairedTimes, StreamFaults, Truncation};
 use crate::reader::PAUSE_AFTER_RESET;
 
@@ -147,10 +146,7 @@ impl Messages {
     /// Reads like [`Messages::next`], but treats damage as the end. The reader of the events finds the same damage and
     /// reports it.
     pub fn next_whole(&mut self, sink: impl FnMut(Message<'_>, i64)) -> Result<bool, RecordingError> {
-        match self.next(sink) {
-            Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => Ok(false),
-            more => more,
-        }
+        self.next(sink).or_else(|error| if error.is_damage() { Ok(false) } else { Err(error) })
     }
 
     /// Stores the faults so far in `report`.
@@ -191,9 +187,7 @@ impl Messages {
 fn error(path: &Path, error: CaptureError) -> RecordingError {
     match error {
         CaptureError::Io(error) => RecordingError::io(path, error),
-        CaptureError::Damaged { byte, what } => {
-            RecordingError::new(path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Before })
-        }
+        CaptureError::Damaged { byte, what } => RecordingError::damaged(path, byte, what, Usable::Before),
         error => RecordingError::new(path, RecordingErrorKind::Capture(error)),
     }
 }

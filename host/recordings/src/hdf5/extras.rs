@@ -9,14 +9,10 @@ use hdf5_reader::{Dataset, SliceInfo, SliceInfoElem};
 
 use super::layout::{Found, TimedDataset};
 use super::{arrange, choose, structure, table};
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{
-    BOTH, Extra, Frame, InertialSample, OtherStreams, READOUT, ReadExtras, Skipped, read_or_report, take_until,
-};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
+use crate::extras::{Extras, Frame, InertialSample, Item, Items, OtherStreams, READOUT};
 use crate::numbers::{Number, written};
-use crate::options::{RecordingOptions, TimeUnit};
-use crate::pictures::TimedImage;
+use crate::options::{Damage, RecordingOptions, TimeUnit};
 use crate::ros::GRAVITY;
 
 /// Names in reports.
@@ -88,12 +84,12 @@ impl Timed {
     }
 }
 
-/// Reader of the frames and samples that belong to the events being read.
+/// Reader of the frames and samples that belong to the events being read, in order of time.
 struct Reader {
     path: PathBuf,
     frames: Option<Timed>,
     samples: Option<Timed>,
-    skipped: Skipped,
+    damage: Damage,
 }
 
 impl Reader {
@@ -102,112 +98,71 @@ impl Reader {
         let unit = arrange(path, table, options, &mut Vec::new())?.unit.unit;
         let offset = offset.and_then(|offset| offset.microseconds(unit)).unwrap_or(0);
         let open = |found: Option<TimedDataset>| Timed::open(found?, unit, offset);
-        let skipped = Skipped::new(options.damage);
-        Ok(Self { path: path.to_owned(), frames: open(frames), samples: open(samples), skipped })
-    }
-
-    /// Returns the next frame or sample that can be read, in order of time.
-    fn next(&mut self) -> Result<Option<Extra>, RecordingError> {
-        loop {
-            let frame = self.frames.as_ref().and_then(Timed::time);
-            let sample = self.samples.as_ref().and_then(Timed::time);
-            let (timed, read) = match (frame, sample, &mut self.frames, &mut self.samples) {
-                (Some(frame), sample, Some(frames), _)
-                    if sample.is_none_or(|sample| frame.saturating_sub(READOUT) <= sample) =>
-                {
-                    let read = frames.frame(frame).map(Extra::Frame);
-                    (frames, read)
-                }
-                (_, Some(sample), _, Some(samples)) => {
-                    let read = samples.sample(sample).map(Extra::Inertial);
-                    (samples, read)
-                }
-                _ => return Ok(None),
-            };
-            match read {
-                Ok(extra) => {
-                    timed.next += 1;
-                    return Ok(Some(extra));
-                }
-                Err(error) => {
-                    self.skipped.add(damaged(&self.path, &error))?;
-                    timed.pass_over();
-                }
-            }
-        }
+        Ok(Self { path: path.to_owned(), frames: open(frames), samples: open(samples), damage: options.damage })
     }
 }
 
-struct Hdf5Extras {
-    reader: Reader,
-    next: Option<Extra>,
-    streams: OtherStreams,
-    /// Description of an error in the first element.
-    lost: Vec<String>,
+impl Iterator for Reader {
+    type Item = Result<Item, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let frame = self.frames.as_ref().and_then(Timed::time);
+        let sample = self.samples.as_ref().and_then(Timed::time);
+        let (timed, read) = match (frame, sample, &mut self.frames, &mut self.samples) {
+            (Some(frame), sample, Some(frames), _)
+                if sample.is_none_or(|sample| frame.saturating_sub(READOUT) <= sample) =>
+            {
+                let read = frames.frame(frame).map(|frame| Item::Frame(frame, None));
+                (frames, read)
+            }
+            (_, Some(sample), _, Some(samples)) => {
+                let read = samples.sample(sample).map(Item::Inertial);
+                (samples, read)
+            }
+            _ => return None,
+        };
+        Some(match read {
+            Ok(item) => {
+                timed.next += 1;
+                Ok(item)
+            }
+            Err(error) => {
+                timed.pass_over();
+                Item::skipped(damaged(&self.path, &error), self.damage)
+            }
+        })
+    }
+}
+
+/// Opens the frames of the file at `path`.
+pub fn frames(path: &Path, options: &RecordingOptions) -> Result<Items, RecordingError> {
+    Ok(Box::new(Reader { samples: None, ..Reader::open(path, options)? }))
 }
 
 /// Opens the frames and IMU samples of the file at `path`.
-pub fn open(path: &Path, options: &RecordingOptions) -> Result<Box<dyn ReadExtras>, RecordingError> {
-    let mut reader = Reader::open(path, options)?;
+pub fn open(path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
+    let reader = Reader::open(path, options)?;
     let streams = OtherStreams { frames: reader.frames.is_some(), imu: reader.samples.is_some() };
-    let mut lost = Vec::new();
-    let next = read_or_report(reader.next(), BOTH, &mut lost);
-    Ok(Box::new(Hdf5Extras { reader, next, streams, lost }))
+    Ok(Extras::new(streams, [FRAMES, SAMPLES].map(str::to_owned), Box::new(reader)))
 }
 
 /// Converts an error about frames or samples.
 fn damaged(path: &Path, error: &Error) -> RecordingError {
     match structure(path, error) {
-        RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => {
-            let what = format!("frames or IMU samples cannot be read: {error}");
-            RecordingError::new(&path, RecordingErrorKind::Damaged { byte, what, usable: Usable::Before })
-        }
+        RecordingError { kind: RecordingErrorKind::Damaged { byte, .. }, path } => RecordingError::damaged(
+            &path,
+            byte,
+            format!("frames or IMU samples cannot be read: {error}"),
+            Usable::Before,
+        ),
         other => other,
     }
 }
 
-impl ReadExtras for Hdf5Extras {
-    fn streams(&self) -> OtherStreams {
-        self.streams
-    }
-
-    fn first_time(&mut self) -> Option<i64> {
-        self.next.as_ref().map(Extra::start)
-    }
-
-    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        lost.append(&mut self.lost);
-        if self.next.is_none() {
-            self.reader.skipped.report(lost);
-        }
-        take_until(&mut self.next, end, lost, || self.reader.next())
-    }
-
-    fn reads(&self, stream: &str) -> bool {
-        matches!(stream, FRAMES if self.streams.frames) || matches!(stream, SAMPLES if self.streams.imu)
-    }
-}
-
-/// Passes the frames of the file at `path` to `visit`. The inner result is an error if the frames ended early.
-pub fn visit_frames(
-    path: &Path,
-    options: &RecordingOptions,
-    visit: &mut dyn FnMut(TimedImage),
-) -> Result<Result<(), RecordingError>, RecordingError> {
-    let mut frames = Reader { samples: None, ..Reader::open(path, options)? };
-    Ok(loop {
-        match frames.next() {
-            Ok(Some(Extra::Frame(frame))) => visit(frame.into()),
-            Ok(Some(Extra::Inertial(_))) => {}
-            Ok(None) => break Ok(()),
-            Err(error) => break Err(error),
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::structure::{Number, group, shaped, superblock};
+    use super::super::structure::tests::shaped;
+    use super::super::structure::{Number, group, superblock};
     use crate::extras::Extra;
     use crate::{Damage, Recording, RecordingOptions};
 

@@ -122,12 +122,12 @@ impl Table {
         columns::of_name(name.rsplit('/').next()?).1
     }
 
-    /// Returns the index of a column in a row of [`Self::cells`].
-    pub fn index_of(&self, column: Column) -> Option<usize> {
+    /// Returns the columns in the order of the numbers of a [`Row`].
+    pub fn order(&self) -> Vec<Column> {
         match self {
-            Self::Columns(columns) => columns.iter().position(|(other, _)| *other == column),
-            Self::Rows(_, order) => order.as_slice().iter().position(|other| *other == column),
-            Self::Records(_) => RECORD.iter().position(|other| *other == column),
+            Self::Columns(columns) => columns.iter().map(|(column, _)| *column).collect(),
+            Self::Rows(_, order) => order.as_slice().to_vec(),
+            Self::Records(_) => RECORD.to_vec(),
         }
     }
 
@@ -204,9 +204,7 @@ impl Table {
 
 /// Reads the number of a dataset with a single element.
 pub fn single(dataset: &Dataset) -> Option<Number> {
-    let one = dataset.num_elements().ok()? == 1 && number_type(dataset.dtype()).is_some();
-    let numbers = one.then(|| dataset.read_array::<Cell>().ok())??;
-    numbers.iter().next().map(|Cell(number)| *number)
+    numbers(dataset, 1)?.first().copied()
 }
 
 /// Reads the numbers of a dataset with at most `most` elements.

@@ -5,7 +5,8 @@ use std::io::Write;
 use evcal_core::event::{Event, Polarity};
 use evcal_core::sensor::Sensor;
 
-use super::structure::{Number, chunked, dataset, group, shaped, superblock, virtual_array};
+use super::structure::tests::{chunked, filled, shaped, virtual_array};
+use super::structure::{Number, dataset, group, superblock};
 use super::write;
 use crate::testing::{self, Outcome};
 use crate::write::EventWriter;
@@ -426,7 +427,7 @@ fn endless_fill_values_are_refused() {
     let mut objects = Vec::new();
     for (name, size, value) in [("t", 8, 5_u64), ("x", 2, 3), ("y", 2, 4), ("p", 1, 1)] {
         objects.push((name, content.len() as u64));
-        content.extend(super::structure::filled(number(size), 1 << 40, value));
+        content.extend(filled(number(size), 1 << 40, value));
     }
     let events = content.len() as u64;
     content.extend(group(&objects, &[]));

@@ -14,16 +14,11 @@ use crate::encode::{Encode, OutputFormat, WriteError};
 
 /// HDF5 in the layout of DSEC.
 pub const OUTPUT: OutputFormat = OutputFormat {
-    name: "hdf5",
     title: Some("HDF5 in the layout of DSEC"),
-    extensions: &["h5", "hdf5"],
-    contains_sensor: true,
-    contains_extras: false,
-    create: |file, description| {
+    ..OutputFormat::of_events("hdf5", &["h5", "hdf5"], |file, description| {
         let pixel = Number::Integer { size: 2, is_signed: false };
         Ok(Box::new(Encoder::new(file()?, description.sensor, pixel)?))
-    },
-    copy_transfers: None,
+    })
 };
 
 /// Length in milliseconds above which a recording gets no index (one day), and the length up to which it gets one however

@@ -1,6 +1,12 @@
 //! Tests with valid folders of images and with every kind of mistake.
 
 use super::*;
+use crate::image_file::Samples;
+use crate::pictures::GreyImage;
+
+fn grey(image: ImageFile) -> Option<GreyImage> {
+    TimedImage::from(Frame::of_file(image, 0)?).image.ok()
+}
 
 /// Creates a folder with this table, and images of 4 × 3 pixels with these names.
 fn folder(table: &str, names: &[&str]) -> tempfile::TempDir {
@@ -42,7 +48,7 @@ fn images_are_read_in_order_with_their_times() {
     // Rounded to the nearest microsecond.
     assert_eq!(first.exposure, (1_403_636_579_763_556, 1_403_636_579_763_556));
     assert_eq!((second.exposure.0, second.exposure_known), (1_403_636_579_796_888, false));
-    assert_eq!(first.image, GreyImage::new(4, 3, vec![0; 12]).ok_or(super::super::pictures::NoImage::NotGrey));
+    assert_eq!(first.image, GreyImage::new(4, 3, vec![0; 12]).ok_or(NoImage::NotGrey));
     assert_eq!(second.image.unwrap().get(3, 2), Some(1));
 }
 

@@ -8,8 +8,7 @@ use flate2::bufread::DeflateDecoder;
 use flate2::{Crc, CrcReader};
 use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::unsupported_format::UnsupportedFormat;
 
 /// First bytes of an archive.
@@ -177,8 +176,7 @@ pub fn members(path: &Path) -> Result<Vec<Member>, RecordingError> {
         let what = format!(
             "the archive's list of files, at its end, cannot be read ({error}): the file is cut off or damaged"
         );
-        let kind = RecordingErrorKind::Damaged { byte: length, what, usable: Usable::Nothing };
-        RecordingError::new(path, kind)
+        RecordingError::damaged(path, length, what, Usable::Nothing)
     };
     let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];
     let archive = ZipArchive::from_file(file, &mut buffer).map_err(damaged)?;

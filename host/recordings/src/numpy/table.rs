@@ -8,8 +8,7 @@ use evcal_core::sensor::Sensor;
 use super::archive::{EXTENSION, Location, Member};
 use super::header::{self, Element, HeadError, Header};
 use crate::columns;
-use crate::error::Usable;
-use crate::error::{RecordingError, RecordingErrorKind};
+use crate::error::{RecordingError, RecordingErrorKind, Usable};
 use crate::numbers::NumberType;
 use crate::options::Column;
 
@@ -46,8 +45,7 @@ impl Table {
 }
 
 fn damaged(path: &Path, location: &Location, what: &str) -> RecordingError {
-    let kind = RecordingErrorKind::Damaged { byte: location.start, what: what.to_owned(), usable: Usable::Before };
-    RecordingError::new(location.file(path), kind)
+    RecordingError::damaged(location.file(path), location.start, what, Usable::Before)
 }
 
 /// Reads the header of the array `name` at `location`.

@@ -204,7 +204,7 @@ fn batches_of_long_records_are_short() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("long.npy");
     std::fs::write(&path, &content).unwrap();
-    let mut decoder = super::open_array(&path, &RecordingOptions::default()).unwrap();
+    let mut decoder = super::open_array(&path, &RecordingOptions::default()).unwrap().decoder;
     let (mut batch, mut report) = (Vec::new(), ReadReport::default());
     assert!(decoder.decode(&mut batch, &mut report).unwrap());
     assert_eq!(batch, events[..(1 << 22) / 60_013]);

@@ -16,13 +16,8 @@ use crate::encode::{Encode, OutputFormat, WriteError};
 
 /// Compressed npz.
 pub const OUTPUT: OutputFormat = OutputFormat {
-    name: "npz",
     title: Some("NumPy"),
-    extensions: &["npz"],
-    contains_sensor: true,
-    contains_extras: false,
-    create: |file, description| Ok(Box::new(Encoder::new(file()?, description.sensor)?)),
-    copy_transfers: None,
+    ..OutputFormat::of_events("npz", &["npz"], |file, it| Ok(Box::new(Encoder::new(file()?, it.sensor)?)))
 };
 
 /// The header of an array is padded to a multiple of this number of bytes.

@@ -21,7 +21,7 @@ use crate::error::RecordingError;
 use crate::format::{FileFormat, Head, OpenResult, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::ReadReport;
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 
 /// Prophesee DAT.
 pub const FORMAT: FileFormat = FileFormat {
@@ -60,7 +60,6 @@ fn is_version_2(head: &Head, length: usize) -> bool {
 
 struct Decoder {
     file: ByteReader,
-    information: RecordingInformation,
     version_1: bool,
     block: Vec<u8>,
     /// Latest time as in the file, and the offset of the wraps so far (µs).
@@ -85,7 +84,7 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     }
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes };
-    Ok(Box::new(Decoder { file, information, version_1, block: Vec::new(), latest: 0, turns: 0, zero }))
+    Ok(Opened::new(information, Decoder { file, version_1, block: Vec::new(), latest: 0, turns: 0, zero }))
 }
 
 impl Decoder {
@@ -111,10 +110,6 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut block = std::mem::take(&mut self.block);
         let more = self.file.read_records::<RECORD>(&mut block, BLOCK, report)?;

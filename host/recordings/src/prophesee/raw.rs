@@ -13,7 +13,7 @@ use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Head, OpenResult, Uses};
 use crate::options::RecordingOptions;
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 use crate::unsupported_format::UnsupportedFormat;
 
 /// Prophesee RAW.
@@ -116,7 +116,6 @@ impl Words {
 
 struct Decoder {
     file: ByteReader,
-    information: RecordingInformation,
     words: Words,
     block: Vec<u8>,
     triggers: u64,
@@ -139,14 +138,10 @@ fn open(path: &Path, options: &RecordingOptions) -> OpenResult {
     let (sensor, camera_name) = (header.sensor(), header.camera_name());
     let (zero, notes) = header.zero();
     let information = RecordingInformation { format: FORMAT.name, sensor, camera_name, began: header.date(), notes };
-    Ok(Box::new(Decoder { file, information, words, block: Vec::new(), triggers: 0, zero }))
+    Ok(Opened::new(information, Decoder { file, words, block: Vec::new(), triggers: 0, zero }))
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let wanted = self.file.block(BLOCK);
         self.file.read(&mut self.block, wanted)?;

@@ -13,13 +13,8 @@ use crate::encode::{Description, Encode, OutputFormat, PAUSE, Pauses, WriteError
 
 /// RAW in EVT 3.0.
 pub const OUTPUT: OutputFormat = OutputFormat {
-    name: "raw",
     title: Some("EVT 3.0"),
-    extensions: &["raw"],
-    contains_sensor: true,
-    contains_extras: false,
-    create: |file, description| Ok(Box::new(Encoder::new(file, description)?)),
-    copy_transfers: None,
+    ..OutputFormat::of_events("raw", &["raw"], |file, it| Ok(Box::new(Encoder::new(file, it)?)))
 };
 
 /// RAW in EVT 4.0.

@@ -82,6 +82,16 @@ pub trait Container: Send {
     /// found, reading ends, and [`Self::truncated`] contains the position.
     fn next(&mut self) -> Result<Option<MessageHead>, RecordingError>;
 
+    /// Reads the next message like [`Self::next`], after damage that is to be skipped.
+    fn next_readable(&mut self, damage: Damage) -> Result<Option<MessageHead>, RecordingError> {
+        loop {
+            match self.next() {
+                Err(error) if error.is_skipped(damage) => {}
+                read => return read,
+            }
+        }
+    }
+
     /// Content of the message that was read last.
     fn message(&self) -> &[u8];
 
@@ -104,11 +114,6 @@ pub trait Container: Send {
 
     /// Creates an error about the message at `byte`.
     fn damaged(&self, byte: u64, what: String) -> RecordingError;
-}
-
-/// `true` if reading continues after this error.
-pub fn is_skipped(error: &RecordingError, damage: Damage) -> bool {
-    damage == Damage::Skip && matches!(error.kind, RecordingErrorKind::Damaged { .. })
 }
 
 /// Reads the next `length` bytes of `file`, which belong to the record at `byte`, into `buffer`. If they exceed

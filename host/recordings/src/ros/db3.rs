@@ -18,7 +18,7 @@ use crate::read_report::Truncation;
 /// ROS 2 bag in SQLite.
 pub const FORMAT: FileFormat = FileFormat {
     streams: |path, options| events::summarise(open, path, options),
-    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    frames: Some(|path, options| extras::frames(open, path, options)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events(

@@ -7,17 +7,16 @@ use std::path::Path;
 
 use evcal_core::event::Event;
 
-use super::container::{Container, MessageHead, OpenContainer, Topic, is_skipped};
+use super::container::{Container, MessageHead, OpenContainer, Topic};
 use super::message::{self, Description, Kind};
-use super::packet::ENCODINGS;
-use super::packet::PacketDecoder;
+use super::packet::{ENCODINGS, PacketDecoder};
 use super::picture;
-use crate::error::{RecordingError, RecordingErrorKind, most_events};
+use crate::error::{RecordingError, RecordingErrorKind, most_events, up_to_damage};
 use crate::format::{OpenResult, StreamSummary};
 use crate::options::{Damage, RecordingOptions};
 use crate::prophesee::{TRIGGERS, store_counts};
 use crate::read_report::{ReadReport, Truncation};
-use crate::reader::{Decode, RecordingInformation};
+use crate::reader::{Decode, Opened, RecordingInformation};
 
 /// Number of events from which a batch is returned.
 const BATCH: usize = 16_384;
@@ -33,7 +32,6 @@ struct Decoder {
     /// Coordinate frame of the camera, if messages of others are on the topic.
     frame: Option<String>,
     damage: Damage,
-    information: RecordingInformation,
     packets: PacketDecoder,
     /// A message whose events are decoded up to this byte of them.
     begun: Option<(MessageHead, usize)>,
@@ -65,10 +63,11 @@ pub fn open(format: &'static str, open: OpenContainer, path: &Path, options: &Re
         let others = others.join(", ");
         notes.push(format!("the topic has the events of several cameras; those of the frame {frame} are read; {others} can be chosen as a stream"));
     }
-    let information = RecordingInformation { format, sensor, camera_name: None, began: None, notes };
+    let information = RecordingInformation { format, sensor, notes, ..RecordingInformation::default() };
     let packets = PacketDecoder::default();
     let container = open(path)?;
-    Ok(Box::new(Decoder { container, topic, frame, damage: options.damage, information, packets, begun: None }))
+    let decoder = Decoder { container, topic, frame, damage: options.damage, packets, begun: None };
+    Ok(Opened::new(information, decoder))
 }
 
 /// Returns the frames of other cameras than that of `frame` in the next messages of `topic`; empty if it is the only one.
@@ -76,12 +75,8 @@ fn other_cameras(container: &mut dyn Container, topic: &str, frame: &str, damage
     let mut messages: BTreeMap<String, usize> = BTreeMap::from([(frame.to_owned(), 1)]);
     let mut seen = 1;
     while seen < LOOKED_AT {
-        let head = match container.next() {
-            Ok(Some(head)) => head,
-            Err(error) if is_skipped(&error, damage) => continue,
-            // The reader of the events reports damage.
-            Ok(None) | Err(_) => break,
-        };
+        // The reader of the events reports damage.
+        let Ok(Some(head)) = container.next_readable(damage) else { break };
         let of_topic = |one: &&Topic| one.kind.contains_events() && one.name == topic;
         let Some(wire) = container.topics().get(head.topic).filter(of_topic).map(|topic| topic.wire) else { continue };
         *messages.entry(message::frame_name(wire, container.message())).or_default() += 1;
@@ -112,11 +107,8 @@ fn first_of(
 ) -> Result<Option<First>, RecordingError> {
     let (mut without, mut unread) = (None, None);
     loop {
-        let head = match container.next() {
-            Ok(Some(head)) => head,
-            Ok(None) => return unread.map_or(Ok(without), |kind| Err(RecordingError::new(path, kind))),
-            Err(error) if is_skipped(&error, damage) => continue,
-            Err(error) => return Err(error),
+        let Some(head) = container.next_readable(damage)? else {
+            return unread.map_or(Ok(without), |kind| Err(RecordingError::new(path, kind)));
         };
         let Some(topic) = container.topics().get(head.topic).filter(|topic| topic.kind.contains_events()) else {
             continue;
@@ -195,10 +187,6 @@ impl Decoder {
 }
 
 impl Decode for Decoder {
-    fn information(&self) -> &RecordingInformation {
-        &self.information
-    }
-
     fn decode(&mut self, batch: &mut Vec<Event>, report: &mut ReadReport) -> Result<bool, RecordingError> {
         let mut more = true;
         while more && batch.len() < BATCH {
@@ -206,8 +194,8 @@ impl Decode for Decoder {
             match self.next_message(batch, report) {
                 Ok(there_is) => more = there_is,
                 // The rest of the file cannot be read, which is reported as truncation.
-                Err(error) if is_skipped(&error, self.damage) && was_whole && self.container.truncated().is_some() => {}
-                Err(error) if is_skipped(&error, self.damage) => report.damaged_packets += 1,
+                Err(error) if error.is_skipped(self.damage) && was_whole && self.container.truncated().is_some() => {}
+                Err(error) if error.is_skipped(self.damage) => report.damaged_packets += 1,
                 Err(error) => return Err(error),
             }
         }
@@ -244,14 +232,7 @@ pub fn summarise(
     let mut summaries: Vec<StreamSummary> = Vec::new();
     let mut decoders: Vec<PacketDecoder> = Vec::new();
     let mut events = Vec::new();
-    loop {
-        let head = match container.next() {
-            Ok(Some(head)) => head,
-            Err(error) if is_skipped(&error, options.damage) => continue,
-            // The reader of the events reports damage.
-            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
-            Err(error) => return Err(error),
-        };
+    while let Some(head) = up_to_damage(container.next_readable(options.damage))? {
         for topic in container.topics().get(summaries.len()..).unwrap_or_default() {
             summaries.push(StreamSummary::new(topic.description()));
             decoders.push(PacketDecoder::default());

@@ -14,18 +14,14 @@ use std::path::Path;
 
 use evcal_core::sensor::Sensor;
 
-use super::container::{Container, OpenContainer, Topic, is_skipped};
+use super::container::{Container, OpenContainer, Topic};
 use super::fields::MessageError;
 use super::merged_samples::{MergedSamples, Quantities};
 use super::message::{self, Kind};
 use super::picture;
-use crate::error::{RecordingError, RecordingErrorKind};
-use crate::extras::{
-    BOTH, Extra, InertialSample, OtherStreams, ReadExtras, Skipped, UnreadFrame, UnreadFrames, read_or_report,
-    take_until,
-};
+use crate::error::{RecordingError, up_to_damage};
+use crate::extras::{BOTH, Extras, Item, Items, OtherStreams, UnreadFrame};
 use crate::options::{Damage, RecordingOptions};
-use crate::pictures::TimedImage;
 
 /// Number of messages that are examined to find topics if the file does not list them. More are examined until there is
 /// a topic of each kind.
@@ -56,104 +52,57 @@ struct Other {
     larger: Option<(u32, u32)>,
 }
 
-/// A message that was read.
-enum Read {
-    Extra(Extra),
-    /// A sample of the topic of accelerations.
-    Acceleration(InertialSample),
-    Unread(UnreadFrame),
-}
-
 /// Reader of the images and samples in a file of messages.
-struct MessageExtras {
+struct MessageItems {
     container: Box<dyn Container>,
-    next: Option<Extra>,
     topics: Topics,
-    /// Descriptions of the topics of images, of samples and of their accelerations, by
-    /// [`super::container::Topic::description`].
-    names: [Option<String>; 3],
-    /// Description of the topic of images from another camera.
-    other: Option<String>,
-    /// Description of an error in the first element.
-    lost: Vec<String>,
     damage: Damage,
-    skipped: Skipped,
-    unread: UnreadFrames,
     merged: MergedSamples,
 }
 
-/// Reads the next image or sample of `topics`. Images in an unsupported encoding are counted in `unread`.
-fn next(
-    container: &mut dyn Container,
-    topics: Topics,
-    damage: Damage,
-    skipped: &mut Skipped,
-    unread: &mut UnreadFrames,
-    merged: &mut MergedSamples,
-) -> Result<Option<Extra>, RecordingError> {
-    loop {
-        if let Some(sample) = merged.next() {
-            return Ok(Some(Extra::Inertial(sample)));
-        }
-        match next_or_unread(container, topics, damage, skipped)? {
-            Some(Read::Extra(Extra::Inertial(sample))) if topics.accelerations.is_some() => {
-                merged.add_angular_velocity(sample);
-            }
-            Some(Read::Extra(extra)) => return Ok(Some(extra)),
-            Some(Read::Acceleration(sample)) => merged.add_acceleration(sample),
-            Some(Read::Unread(frame)) => unread.add(frame),
-            None => return Ok(None),
-        }
-    }
-}
+/// Damage without a recognisable message is skipped silently, because the reader of the events counts it.
+impl Iterator for MessageItems {
+    type Item = Result<Item, RecordingError>;
 
-/// Reads the next image or sample like [`next`], but also returns images in an unsupported encoding. Damage without a
-/// recognisable message is skipped silently, because the reader of the events counts it.
-fn next_or_unread(
-    container: &mut dyn Container,
-    topics: Topics,
-    damage: Damage,
-    skipped: &mut Skipped,
-) -> Result<Option<Read>, RecordingError> {
-    loop {
-        let head = match container.next() {
-            Ok(Some(head)) => head,
-            Ok(None) => return Ok(None),
-            Err(error) if is_skipped(&error, damage) => continue,
-            Err(error) => return Err(error),
-        };
-        let Some(topic) = container.topics().get(head.topic) else { continue };
-        let read = if topics.pictures == Some(head.topic) {
-            read_picture(topic, container.message()).map(Some)
-        } else if topics.samples == Some(head.topic) {
-            let sample = message::inertial_sample(topic.wire, container.message());
-            sample.map(|sample| Some(Read::Extra(Extra::Inertial(sample))))
-        } else if topics.accelerations == Some(head.topic) {
-            let sample = message::inertial_sample(topic.wire, container.message());
-            sample.map(|sample| Some(Read::Acceleration(sample)))
-        } else {
-            Ok(None)
-        };
-        match read {
-            Ok(Some(read)) => return Ok(Some(read)),
-            Ok(None) => {}
-            Err(error) => {
-                let what = format!("a message of {} is damaged: {error}", topic.name);
-                skipped.add(container.damaged(head.byte, what))?;
+    fn next(&mut self) -> Option<Self::Item> {
+        let Self { container, topics, damage, merged } = self;
+        loop {
+            if let Some(sample) = merged.next() {
+                return Some(Ok(Item::Inertial(sample)));
+            }
+            let head = match container.next_readable(*damage) {
+                Ok(head) => head?,
+                Err(error) => return Some(Err(error)),
+            };
+            let Some(topic) = container.topics().get(head.topic) else { continue };
+            let is = |of: Option<usize>| of == Some(head.topic);
+            let item = if is(topics.pictures) {
+                read_picture(topic, container.message())
+            } else if is(topics.samples) || is(topics.accelerations) {
+                message::inertial_sample(topic.wire, container.message()).map(Item::Inertial)
+            } else {
+                continue;
+            };
+            match item {
+                Ok(Item::Inertial(sample)) if is(topics.accelerations) => merged.add_acceleration(sample),
+                Ok(Item::Inertial(sample)) if topics.accelerations.is_some() => merged.add_angular_velocity(sample),
+                Ok(item) => return Some(Ok(item)),
+                Err(error) => {
+                    let what = format!("a message of {} is damaged: {error}", topic.name);
+                    return Some(Item::skipped(container.damaged(head.byte, what), *damage));
+                }
             }
         }
     }
 }
 
-fn read_picture(topic: &Topic, message: &[u8]) -> Result<Read, MessageError> {
+fn read_picture(topic: &Topic, message: &[u8]) -> Result<Item, MessageError> {
     let picture::Description { t, encoding, .. } = picture::description(topic.kind, topic.wire, message)?;
     if let Some(encoding) = picture::unread_encoding(topic.wire, message) {
-        return Ok(Read::Unread(UnreadFrame { t, encoding }));
+        return Ok(Item::Unread(UnreadFrame { t, encoding }));
     }
-    match picture::frame(topic.kind, topic.wire, message)? {
-        Some(frame) => Ok(Read::Extra(Extra::Frame(frame))),
-        None => Ok(Read::Unread(UnreadFrame { t, encoding })),
-    }
+    let frame = picture::frame(topic.kind, topic.wire, message)?;
+    Ok(frame.map_or(Item::Unread(UnreadFrame { t, encoding }), |frame| Item::Frame(frame, None)))
 }
 
 /// Chooses the topics that belong to the events of the topic `wanted`, or of the first topic that has any.
@@ -177,13 +126,7 @@ fn choose(container: &mut dyn Container, wanted: Option<&str>, damage: Damage) -
             || awaited(listed_pictures, pictures.len(), count)
             || awaited(listed_samples, samples.len(), count))
     {
-        let head = match container.next() {
-            Ok(Some(head)) => head,
-            Err(error) if is_skipped(&error, damage) => continue,
-            // Damage is reported when it is reached.
-            Ok(None) | Err(RecordingError { kind: RecordingErrorKind::Damaged { .. }, .. }) => break,
-            Err(error) => return Err(error),
-        };
+        let Some(head) = up_to_damage(container.next_readable(damage))? else { break };
         count += 1;
         let message = container.message();
         bytes += (message.len() as u64).max(LEAST_OF_A_MESSAGE);
@@ -317,88 +260,44 @@ fn shared(first: &str, second: &str) -> usize {
 }
 
 /// Opens the images and samples of the file at `path`.
-pub fn open(
-    open: OpenContainer,
-    path: &Path,
-    options: &RecordingOptions,
-) -> Result<Box<dyn ReadExtras>, RecordingError> {
+pub fn open(open: OpenContainer, path: &Path, options: &RecordingOptions) -> Result<Extras, RecordingError> {
     let mut container = open(path)?;
     let topics = choose(&mut *container, options.stream.as_deref(), options.damage)?;
     let description = |topic: Option<usize>| Some(container.topics().get(topic?)?.description());
-    let names = [topics.pictures, topics.samples, topics.accelerations].map(description);
+    let read = [
+        ("frames", topics.pictures, topics.are_pictures_read),
+        ("IMU samples", topics.samples, true),
+        ("their accelerations", topics.accelerations, true),
+    ];
+    let read = read.map(|(what, topic, is_read)| Some((description(topic)?, what, is_read)));
+    let chosen = read.iter().flatten().filter(|(.., is_read)| *is_read);
     let other = description(topics.other.map(|other| other.topic));
-    let mut container = open(path)?;
-    let mut lost = Vec::new();
-    let (damage, mut skipped, mut unread) = (options.damage, Skipped::new(options.damage), UnreadFrames::default());
-    let mut merged = MergedSamples::default();
-    let first = next(&mut *container, topics, damage, &mut skipped, &mut unread, &mut merged);
-    let first = read_or_report(first, BOTH, &mut lost);
-    Ok(Box::new(MessageExtras { container, next: first, topics, names, other, lost, damage, skipped, unread, merged }))
-}
-
-impl ReadExtras for MessageExtras {
-    fn streams(&self) -> OtherStreams {
-        OtherStreams { frames: self.topics.pictures.is_some(), imu: self.topics.samples.is_some() }
-    }
-
-    fn first_time(&mut self) -> Option<i64> {
-        self.next.as_ref().map(Extra::start)
-    }
-
-    fn next_until(&mut self, end: i64, lost: &mut Vec<String>) -> Option<Extra> {
-        lost.append(&mut self.lost);
-        if self.next.is_none() {
-            self.skipped.report(lost);
-            self.unread.report(lost);
-        }
-        let Self { container, topics, damage, skipped, unread, merged, .. } = self;
-        take_until(&mut self.next, end, lost, || next(&mut **container, *topics, *damage, skipped, unread, merged))
-    }
-
-    fn reads(&self, stream: &str) -> bool {
-        self.names.iter().flatten().any(|name| name == stream)
-    }
-
-    fn chosen(&self) -> Vec<String> {
-        let sentence = |(what, name): (&str, &Option<String>)| Some(format!("{what} are read from {}", name.as_ref()?));
-        let read = [self.topics.are_pictures_read, true, true];
-        let chosen = ["frames", "IMU samples", "their accelerations"].into_iter().zip(&self.names).zip(read);
-        chosen.filter_map(|(chosen, is_read)| sentence(chosen).filter(|_| is_read)).collect()
-    }
-
-    fn passed_over(&self) -> Option<String> {
-        let (name, Other { larger, .. }) = (self.other.as_ref()?, self.topics.other?);
-        Some(match larger {
+    let larger = topics.other.and_then(|other| other.larger);
+    let streams = OtherStreams { frames: topics.pictures.is_some(), imu: topics.samples.is_some() };
+    let mut extras = Extras {
+        streams,
+        chosen: chosen.map(|(name, what, _)| format!("{what} are read from {name}")).collect(),
+        names: read.iter().flatten().map(|(name, ..)| name.clone()).collect(),
+        passed_over: other.map(|name| match larger {
             Some((width, height)) => {
                 format!(
                     "{name} is not read: its images of {width} x {height} pixels are larger than the sensor of the events"
                 )
             }
             None => format!("{name} is not read: its name belongs to another camera than the events"),
-        })
-    }
+        }),
+        ..Extras::default()
+    };
+    extras.add(BOTH, None, items(open, path, topics, options.damage)?);
+    Ok(extras)
 }
 
-/// Passes the images of the file at `path` to `visit`. The inner result is an error if the images ended early.
-pub fn visit_frames(
-    open: OpenContainer,
-    path: &Path,
-    options: &RecordingOptions,
-    visit: &mut dyn FnMut(TimedImage),
-) -> Result<Result<(), RecordingError>, RecordingError> {
+/// Opens the images of the file at `path`.
+pub fn frames(open: OpenContainer, path: &Path, options: &RecordingOptions) -> Result<Items, RecordingError> {
     let pictures = choose(&mut *open(path)?, options.stream.as_deref(), options.damage)?.pictures;
-    let topics = Topics { pictures, ..Topics::default() };
-    let (mut container, mut skipped, mut unread) = (open(path)?, Skipped::new(options.damage), UnreadFrames::default());
-    Ok(loop {
-        match next_or_unread(&mut *container, topics, options.damage, &mut skipped) {
-            Ok(Some(Read::Extra(Extra::Frame(frame)))) => visit(frame.into()),
-            Ok(Some(Read::Extra(Extra::Inertial(_)) | Read::Acceleration(_))) => {}
-            Ok(Some(Read::Unread(frame))) => {
-                visit((&frame).into());
-                unread.add(frame);
-            }
-            Ok(None) => break unread.error(path).map_or(Ok(()), Err),
-            Err(error) => break Err(error),
-        }
-    })
+    items(open, path, Topics { pictures, ..Topics::default() }, options.damage)
+}
+
+fn items(open: OpenContainer, path: &Path, topics: Topics, damage: Damage) -> Result<Items, RecordingError> {
+    Ok(Box::new(MessageItems { container: open(path)?, topics, damage, merged: MergedSamples::default() }))
 }

@@ -8,8 +8,10 @@ use std::path::{Path, PathBuf};
 
 use yaml_rust2::Yaml;
 
+use super::bag::Bag;
 use super::container::{Container, MessageHead, OpenContainer, Topic};
-use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, bag, db3, events, extras, mcap};
+use super::mcap::Mcap;
+use super::{BAG_FORMAT, DB3_FORMAT, MCAP_FORMAT, chunked, db3, events, extras};
 use crate::error::{RecordingError, RecordingErrorKind};
 use crate::format::{FileFormat, Head, Uses};
 use crate::read_report::Truncation;
@@ -20,7 +22,7 @@ use evcal_files::{visible, yaml};
 pub const FORMAT: FileFormat = FileFormat {
     files: |path| std::iter::once(path.join(METADATA)).chain(files(path).unwrap_or_default()).collect(),
     streams: |path, options| events::summarise(open, path, options),
-    frames: Some(|path, options, visit| extras::visit_frames(open, path, options, visit)),
+    frames: Some(|path, options| extras::frames(open, path, options)),
     extras: Some(|path, options| extras::open(open, path, options)),
     uses: Uses { stream: true, ..Uses::NONE },
     ..FileFormat::of_events("ROS 2 bag", |_| false, |path, options| events::open(FORMAT.name, open, path, options))
@@ -55,7 +57,7 @@ pub fn opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
 
 fn file_opener(path: &Path) -> Result<Option<OpenContainer>, RecordingError> {
     const FILES: [(&FileFormat, OpenContainer); 3] =
-        [(&BAG_FORMAT, bag::open), (&MCAP_FORMAT, mcap::open), (&DB3_FORMAT, db3::open)];
+        [(&BAG_FORMAT, chunked::open::<Bag>), (&MCAP_FORMAT, chunked::open::<Mcap>), (&DB3_FORMAT, db3::open)];
     let head = Head::read(path)?;
     Ok(FILES.into_iter().find(|(format, _)| (format.recognise)(&head)).map(|(_, open)| open))
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use evcal_core::sensor::Sensor;
 
-use super::container::{MessageHead, OpenContainer, Topic, is_skipped};
+use super::container::{MessageHead, OpenContainer, Topic};
 use super::message::Kind;
 use super::{folder, picture};
 use crate::error::{RecordingError, RecordingErrorKind};
@@ -121,16 +121,9 @@ impl ImageTopic {
     /// Passes the images to `visit` until it returns `false`.
     fn read(&self, visit: &mut dyn FnMut(Frame) -> bool) -> Result<Option<String>, RecordingError> {
         let mut container = (self.open)(&self.path)?;
-        loop {
-            let MessageHead { topic, byte, .. } = match container.next() {
-                Ok(Some(head)) => head,
-                Ok(None) => break,
-                Err(error) if is_skipped(&error, self.damage) => continue,
-                Err(error) => return Err(error),
-            };
-            let Some(topic) = container.topics().get(topic).filter(|topic| is_images(topic, &self.topic)) else {
-                continue;
-            };
+        while let Some(MessageHead { topic, byte, .. }) = container.next_readable(self.damage)? {
+            let is_wanted = |topic: &&Topic| topic.kind.contains_images() && topic.name == self.topic;
+            let Some(topic) = container.topics().get(topic).filter(is_wanted) else { continue };
             match picture::frame(topic.kind, topic.wire, container.message()) {
                 Ok(Some(frame)) => {
                     if !visit(frame) {
@@ -154,10 +147,6 @@ impl ImageTopic {
     }
 }
 
-fn is_images(topic: &Topic, name: &str) -> bool {
-    topic.kind.contains_images() && topic.name == name
-}
-
 /// Returns the topics of a file that have messages. Stops as soon as the `wanted` topic is found, or a topic of events
 /// if none is wanted.
 fn topics(
@@ -169,13 +158,7 @@ fn topics(
     let mut container = open(path)?;
     // Indices in order of the first messages.
     let (mut seen, mut known) = (Vec::new(), BTreeSet::new());
-    loop {
-        let head = match container.next() {
-            Ok(Some(head)) => head,
-            Ok(None) => break,
-            Err(error) if is_skipped(&error, damage) => continue,
-            Err(error) => return Err(error),
-        };
+    while let Some(head) = container.next_readable(damage)? {
         if !known.insert(head.topic) {
             continue;
         }

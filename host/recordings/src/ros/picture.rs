@@ -4,7 +4,7 @@ use super::bayer;
 use super::fields::{Fields, MessageError, Wire};
 use super::message::Kind;
 use crate::extras::Frame;
-use crate::image_file::{self, ImageFile, ImageFileError, Samples};
+use crate::image_file::{self, ImageFileError, Samples};
 use crate::pictures::highest_bits;
 
 /// Format of the pixels of an `Image`. All encodings of `sensor_msgs` that are images are supported.
@@ -166,34 +166,25 @@ fn compressed(wire: Wire, message: &[u8]) -> Result<Option<Frame>, MessageError>
     let mut fields = Fields::new(wire, message)?;
     let t = fields.header()?;
     let format = String::from_utf8_lossy(fields.text("its encoding")?).into_owned();
-    let ImageFile { size, channels, samples } = match image_file::decode(fields.bytes("the picture")?) {
+    let mut picture = match image_file::decode(fields.bytes("the picture")?) {
         Ok(picture) => picture,
         Err(ImageFileError::Unknown) => return Ok(None),
         Err(error) => return Err(MessageError::Picture(error.to_string())),
     };
-    let (before, after) = format.split_once(';').unwrap_or_default();
     // Depth images may also be stored as PNG, with or without a preceding header.
-    let (true, Ok(columns), Ok(rows)) =
-        (!format.contains("compressedDepth"), u16::try_from(size.0), u16::try_from(size.1))
-    else {
+    if format.contains("compressedDepth") {
         return Ok(None);
-    };
-    let is_mosaic = channels == 1
+    }
+    let (before, after) = format.split_once(';').unwrap_or_default();
+    let is_mosaic = picture.channels == 1
         && Pixels::of_encoding(before.trim().as_bytes()).is_some_and(Pixels::is_mosaic)
         && !after.trim_end().ends_with("mono8")
         && !after.trim_end().ends_with("mono16");
-    let bytes = match samples {
-        Samples::Eight(samples) if is_mosaic => bayer::grey(&samples, columns.into()),
-        Samples::Eight(samples) => samples,
-        Samples::Sixteen(samples) if is_mosaic => highest_bits(&bayer::grey(&samples, columns.into())),
-        Samples::Sixteen(samples) => highest_bits(&samples),
-    };
-    let (channels, pixels) = match channels {
-        1 => (1, bytes),
-        2 => (1, bytes.as_chunks::<2>().0.iter().map(|[grey, _]| *grey).collect()),
-        3 => (3, bytes.as_chunks().0.iter().flat_map(|&[red, green, blue]| [blue, green, red]).collect()),
-        4 => (3, bytes.as_chunks().0.iter().flat_map(|&[red, green, blue, _]| [blue, green, red]).collect()),
-        _ => return Ok(None),
-    };
-    Ok(Some(Frame { t, exposure: None, readout: None, size: (columns, rows), position: (0, 0), channels, pixels }))
+    if is_mosaic && let Ok(columns) = usize::try_from(picture.size.0) {
+        picture.samples = match picture.samples {
+            Samples::Eight(samples) => Samples::Eight(bayer::grey(&samples, columns)),
+            Samples::Sixteen(samples) => Samples::Sixteen(bayer::grey(&samples, columns)),
+        };
+    }
+    Ok(Frame::of_file(picture, t))
 }

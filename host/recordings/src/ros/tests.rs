@@ -596,9 +596,10 @@ fn the_list_of_topics_matches_the_messages() {
         acceleration: [1.0, 0.0, 0.0],
         angular_velocity: [0.0; 3],
     })];
-    for (output, open) in
-        [(&BAG_OUTPUT, super::bag::open as super::container::OpenContainer), (&MCAP_OUTPUT, super::mcap::open)]
-    {
+    for (output, open) in [
+        (&BAG_OUTPUT, super::chunked::open::<super::bag::Bag> as super::container::OpenContainer),
+        (&MCAP_OUTPUT, super::chunked::open::<super::mcap::Mcap>),
+    ] {
         let content = written(output, &events(0, 7), &extras).unwrap();
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("recording");

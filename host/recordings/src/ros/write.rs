@@ -21,34 +21,26 @@ use crate::extras::Extra;
 
 /// Bag of ROS 1.
 pub const BAG_OUTPUT: OutputFormat = OutputFormat {
-    name: "bag",
     title: Some("ROS 1"),
-    extensions: &["bag"],
-    contains_sensor: true,
     contains_extras: true,
-    create: |file, description| {
+    ..OutputFormat::of_events("bag", &["bag"], |file, description| {
         let sink = bag::Bag::new(file()?, &definitions::ROS1)?;
         Ok(Box::new(Encoder::new(sink, Wire::Ros1, message::event_array, description.sensor)))
-    },
-    copy_transfers: None,
+    })
 };
 
 /// MCAP of ROS 2.
 pub const MCAP_OUTPUT: OutputFormat = OutputFormat {
-    name: "mcap",
     title: Some("ROS 2"),
-    extensions: &["mcap"],
-    contains_sensor: true,
     contains_extras: true,
-    create: |file, description| {
+    ..OutputFormat::of_events("mcap", &["mcap"], |file, description| {
         let sensor = description.sensor;
         if sensor.width > SIDE || sensor.height > SIDE {
             return Err(WriteError::Size { format: "libcaer_cmp", most: SIDE, sensor });
         }
         let sink = mcap::Mcap::new(file()?, &definitions::ROS2)?;
         Ok(Box::new(Encoder::new(sink, Wire::Cdr, message::event_packet, sensor)))
-    },
-    copy_transfers: None,
+    })
 };
 
 /// Columns and rows of `libcaer_cmp` have 11 bits.

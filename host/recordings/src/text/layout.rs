@@ -2,7 +2,7 @@
 
 use super::{Fields, is_comment, number};
 use crate::columns::{self, Cell, GuessedUnit, LayoutError, PolarityCode, SAMPLE};
-use crate::options::{Column, Columns, RecordingOptions, TimeUnit};
+use crate::options::{Columns, RecordingOptions, TimeUnit};
 use crate::reader::MAX_SENSOR_SIZE;
 use evcal_core::sensor::Sensor;
 
@@ -42,6 +42,7 @@ struct Parts<'a> {
 /// [`LayoutError`] if the columns are unclear.
 pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutError> {
     let parts = parts(text)?;
+    let rows: Vec<Vec<Cell>> = parts.rows.iter().map(|row| row.iter().map(cell).collect()).collect();
     let mut notes = Vec::new();
     let named = parts.names.as_deref().map(columns::from_names);
     let (columns, unit_of_name) = match (&options.columns, named) {
@@ -51,20 +52,11 @@ pub fn find(text: &str, options: &RecordingOptions) -> Result<Layout, LayoutErro
             return Err(LayoutError::Names(parts.names.unwrap_or_default().join(", ")));
         }
         (None, None) if parts.rows.is_empty() => return Err(LayoutError::NoNumbers),
-        (None, None) => {
-            let rows: Vec<Vec<Cell>> = parts.rows.iter().map(|row| row.iter().map(cell).collect()).collect();
-            (columns::from_values(&rows, &mut notes)?, None)
-        }
+        (None, None) => (columns::from_values(&rows, &mut notes)?, None),
     };
-    let cells = |column: Column| {
-        let index = columns.as_slice().iter().position(|other| *other == column);
-        parts.rows.iter().filter_map(move |row| Some(cell(row.get(index?)?)))
-    };
-    let times = || cells(Column::T).filter_map(|cell| cell.value).collect::<Vec<f64>>();
     let stated = options.time_unit.or(parts.unit).or(unit_of_name);
-    let GuessedUnit { unit: time_unit, is_doubtful } =
-        stated.map_or_else(|| columns::unit_from_values(&times(), &mut notes), GuessedUnit::from);
-    let code = PolarityCode::from_values(cells(Column::P), &mut notes);
+    let (GuessedUnit { unit: time_unit, is_doubtful }, code) =
+        columns::unit_and_code(&rows, columns.as_slice(), stated, &mut notes);
     let Parts { first_line, sensor, .. } = parts;
     Ok(Layout { columns, time_unit, is_unit_doubtful: is_doubtful, code, first_line, sensor, notes })
 }

@@ -19,6 +19,17 @@ impl Buffer {
         Self(bytes)
     }
 
+    /// Begins with a root table that has a single field, a vector of `count` elements, which follow from @32 on: @12 a
+    /// vtable of 6 bytes for a table of 8, padded up to @20; @24 the offset of the vector, @28 its length.
+    fn of_vector(identifier: &[u8; 4], count: usize) -> Result<Self, WriteError> {
+        let mut buffer = Self::new(identifier);
+        buffer.u16s(&[6, 8, 4, 0]);
+        buffer.i32(20 - 12);
+        buffer.size(28 - 24)?;
+        buffer.size(count)?;
+        Ok(buffer)
+    }
+
     fn u16s(&mut self, values: &[u16]) {
         self.0.extend(values.iter().flat_map(|value| value.to_le_bytes()));
     }
@@ -73,13 +84,8 @@ pub(in crate::aedat4) fn header(compression: Compression, description: &str) -> 
 
 /// `EVTS { elements @24 → @28 }`, elements from @32.
 pub(in crate::aedat4) fn event_packet(events: &[Event]) -> Result<Vec<u8>, WriteError> {
-    let mut buffer = Buffer::new(b"EVTS");
-    buffer.0.reserve(20 + 16 * events.len());
-    // @12: vtable of 6 bytes, table of 8 bytes, its only field; padded up to @20.
-    buffer.u16s(&[6, 8, 4, 0]);
-    buffer.i32(20 - 12);
-    buffer.size(28 - 24)?;
-    buffer.size(events.len())?;
+    let mut buffer = Buffer::of_vector(b"EVTS", events.len())?;
+    buffer.0.reserve(16 * events.len());
     for event in events {
         buffer.i64(event.t);
         buffer.u16s(&[event.x, event.y]);
@@ -114,11 +120,7 @@ pub(super) fn frame_packet(frame: &Frame) -> Result<Vec<u8>, WriteError> {
 /// `IMUS { elements @24 → @28 }`: n offsets from @32, then one vtable, then n tables of 40 bytes
 /// `{ temperature @4, acceleration @8, angular velocity @20, t @32 }`.
 pub(super) fn imu_packet(samples: &[InertialSample]) -> Result<Vec<u8>, WriteError> {
-    let mut buffer = Buffer::new(b"IMUS");
-    buffer.u16s(&[6, 8, 4, 0]);
-    buffer.i32(20 - 12);
-    buffer.size(28 - 24)?;
-    buffer.size(samples.len())?;
+    let mut buffer = Buffer::of_vector(b"IMUS", samples.len())?;
     let vtable = 32 + 4 * samples.len();
     let first_table = (vtable + 20).next_multiple_of(8);
     let table = |index: usize| first_table + 40 * index;
@@ -142,11 +144,7 @@ pub(super) fn imu_packet(samples: &[InertialSample]) -> Result<Vec<u8>, WriteErr
 /// `FTAB { table @24 → @28 }`: n offsets from @32, then one vtable, then n tables of 44 bytes
 /// `{ byteOffset @12, { stream, size } @4, numElements @20, timestampStart @28, timestampEnd @36 }`.
 pub(super) fn packet_table(rows: &[TableRow]) -> Result<Vec<u8>, WriteError> {
-    let mut buffer = Buffer::new(b"FTAB");
-    buffer.u16s(&[6, 8, 4, 0]);
-    buffer.i32(20 - 12);
-    buffer.size(28 - 24)?;
-    buffer.size(rows.len())?;
+    let mut buffer = Buffer::of_vector(b"FTAB", rows.len())?;
     // Tables begin 4 bytes after a multiple of 8, so that their i64 fields are aligned.
     let vtable = 32 + 4 * rows.len();
     let first_table = (vtable + 14).next_multiple_of(8) + 4;

@@ -3,8 +3,11 @@
 use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
 
+use super::super::bag::Bag;
+use super::super::chunked::open;
 use super::super::container::{LONGEST_RECORD, OpenContainer};
-use super::super::{bag as bags, folder as folders, mcap as mcaps};
+use super::super::folder as folders;
+use super::super::mcap::Mcap;
 use super::files::{bag_record, mcap_record, mcap_text};
 use super::*;
 
@@ -122,7 +125,7 @@ fn many_connections_are_found_quickly() {
     }
     mcap.extend(mcap_record(15, &[0; 4]));
     // A bag merges connections of the same name into one topic; MCAP does not.
-    for (content, open, topics) in [(bag, bags::open as OpenContainer, 20_000), (mcap, mcaps::open, COUNT)] {
+    for (content, open, topics) in [(bag, open::<Bag> as OpenContainer, 20_000), (mcap, open::<Mcap>, COUNT)] {
         let (_directory, path) = sparse(&content, 0);
         let mut container = open(&path).unwrap();
         for number in (0..COUNT).rev() {
