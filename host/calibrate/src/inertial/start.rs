@@ -1,7 +1,7 @@
 //! Start of the IMU calibration: delay, rotation, lever arm and gravity, each with a test of its validity.
 //!
 //! 1. **Delay**: the rotation rates of camera and IMU, ‖ω − mean‖, are the same whatever their axes. Their normalised correlation
-//!    over all shifts must have one clear peak.
+//!    over all shifts has peaks, at one of which the directions of ω agree, too.
 //! 2. **Rotation**: the one that maps ω of the camera to ω of the IMU (Wahba's problem), and the best mirrored one: if the latter
 //!    fits better, the axes are left-handed.
 //! 3. **Lever arm, gravity, accelerometer bias**: linear least squares; gravity must have its known magnitude. If the opposite of
@@ -62,7 +62,7 @@ pub fn start(trajectories: &[&Trajectory], samples: &[Sample], gravity: f64) -> 
     camera.rates().check()?;
     let turns = camera.known().map(|rate| rate * rate.transpose()).sum::<Matrix3<f64>>();
     check_axes(&turns, ONE_AXIS)?;
-    let Offset { seconds: delay, correlation } = offset(&camera.rates(), &unit.rates(), OVERLAP)?;
+    let Offset { seconds: delay, correlation } = offset(&camera, &unit, OVERLAP)?;
     let rotation = rotation(&camera, &unit, delay)?;
     let parameters = lever_arm(trajectories, samples, delay, rotation, gravity)?;
     Ok(Start { parameters, correlation })

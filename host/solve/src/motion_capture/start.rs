@@ -79,7 +79,7 @@ pub fn start(camera: &[TimedPose], capture: &[TimedPose]) -> Result<Start, Motio
     let path = Path::new(camera)?;
     let find = |capture: &[TimedPose]| {
         let of_body = turns(capture);
-        let Offset { seconds: offset, correlation } = offset(&of_camera.rates(), &of_body.rates(), OVERLAP)?;
+        let Offset { seconds: offset, correlation } = offset(&of_camera, &of_body, OVERLAP)?;
         let body_camera = rotation(&of_camera, &of_body, offset)?;
         let hand_eye = translations(&path, capture, offset, body_camera.inverse())?;
         Ok(Start { hand_eye, correlation })

@@ -1,7 +1,8 @@
 //! Alignment of two devices on one mount in time and rotation, from their angular velocities.
 //!
 //! **Offset**: the magnitude of the angular velocity is the same whatever the devices' axes. Its normalised correlation over all
-//! shifts must have one clear peak. **Rotation**: the one that maps the angular velocities of the first device to the angular
+//! shifts must have a clear peak; among several, the directions of the angular velocities agree only at the right one.
+//! **Rotation**: the one that maps the angular velocities of the first device to the angular
 //! velocities of the second (Wahba's problem, as in Park and Martin 1994 for hand-eye calibration). If the motion does not
 //! determine them, [`AlignmentError`] contains the reason.
 
@@ -15,6 +16,12 @@ const CORRELATION: f64 = 0.9;
 const SECOND_PEAK: f64 = 0.9;
 /// Smallest distance of another peak (s).
 const PEAK_DISTANCE: f64 = 0.4;
+/// Largest number of offsets at which the directions of the angular velocities are compared.
+const MOST_OFFSETS: usize = 8;
+/// Another offset may be right if it leaves less than this many times as much unexplained as the best one, or as [`NOISE`], a share of
+/// the angular velocities.
+const CLEARLY: f64 = 2.0;
+const NOISE: f64 = 0.005;
 /// Root mean square of the angular velocity below which a camera hardly rotated (rad/s).
 pub const LEAST_RATE: f64 = 0.08;
 /// Rates at which a second device's clock may run by mistake (a counter that is added twice, another divider), and the
@@ -188,10 +195,18 @@ pub struct Offset {
 ///
 /// # Errors
 /// [`AlignmentError`] if no offset is clearly the best.
-pub fn offset(first: &Rates, second: &Rates, overlap: Overlap) -> Result<Offset, AlignmentError> {
-    match *offsets(first, second, overlap, 2)?.as_slice() {
-        [one] => Ok(one),
-        [one, other, ..] => Err(in_another_clock(first, second, overlap).unwrap_or(ambiguous(one, other, first.step))),
+pub fn offset(first: &Turns, second: &Turns, overlap: Overlap) -> Result<Offset, AlignmentError> {
+    let [of_first, of_second] = [first, second].map(Turns::rates);
+    let offsets = offsets(&of_first, &of_second, overlap, MOST_OFFSETS)?;
+    let compared = |offset: Offset| (ComparedTurns::new(first, second, offset.seconds).unexplained(), offset);
+    let mut found: Vec<(f64, Offset)> = offsets.into_iter().map(compared).collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    match *found.as_slice() {
+        [(best, one), (next, other), ..] if next < CLEARLY * best.max(NOISE) => {
+            let in_another_clock = in_another_clock(&of_first, &of_second, overlap);
+            Err(in_another_clock.unwrap_or(ambiguous(one, other, first.step)))
+        }
+        [(_, one), ..] => Ok(one),
         [] => Err(AlignmentError::OtherMotion { correlation: 0.0 }),
     }
 }
@@ -296,6 +311,12 @@ impl ComparedTurns {
             sums.of_second += other.norm_squared();
         }
         sums
+    }
+
+    /// Returns the share of the angular velocities that no rotation explains, mirrored or not.
+    fn unexplained(&self) -> f64 {
+        let explained = self.rotation().map_or(0.0, |best| best.explained.max(best.explained_mirrored));
+        1.0 - explained / (self.of_first * self.of_second).sqrt().max(f64::MIN_POSITIVE)
     }
 
     /// Returns the rotation between them; `None` if they determine no rotation.

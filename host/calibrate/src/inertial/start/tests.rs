@@ -160,6 +160,20 @@ fn degenerate_motions_are_named() {
     assert!(!table.to_string().is_empty());
 }
 
+/// The magnitudes of the rates repeat every 1.7 s, but not their directions. The motion was called periodic.
+#[test]
+fn directions_decide_between_offsets_with_equal_rates() {
+    let trajectory = of_motion(|t| {
+        let axis = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.9 * t + 0.8 * (0.7 * t).sin());
+        let turn = axis * Vector3::new(0.4 * (std::f64::consts::TAU * t / 1.7).sin(), 0.0, 0.0);
+        Isometry3::from_parts(Vector3::new(0.1 * (2.3 * t).sin(), 0.1 * (1.9 * t).cos(), -0.7).into(), exp(&turn))
+    });
+    let truth = unit(exp(&Vector3::new(1.0, -2.0, 0.5)), 0.2);
+    let samples = samples(&trajectory, &truth, 250.0);
+    let found = start(&[&trajectory], &samples, GRAVITY).unwrap();
+    assert!((found.parameters.gyroscope_delay - 0.2).abs() < 2e-3, "{}", found.parameters.gyroscope_delay);
+}
+
 #[test]
 fn a_clock_at_another_rate_is_named() {
     let trajectory = hand([0.3, 0.35, 0.25]);
