@@ -15,7 +15,7 @@ use serde::{Serialize, Serializer};
 use self::advice::next_step;
 use self::units::{OtherUnit, other_unit, unusual_unit};
 use crate::advice::Advice;
-use crate::task::board_choice::ConfirmedBoard;
+use crate::quality::verdict::Finding;
 use evcal_detection::detection::exchanged::{Exchanged, PAIRS, exchanged};
 use evcal_detection::detection::focus::{EdgeWidth, edge_width};
 use evcal_detection::detection::pictures::settings::PictureSettings;
@@ -146,17 +146,18 @@ impl Serialize for BoardFailure {
     }
 }
 
-/// Checks parts of `recording` that are spread evenly over it: searches for the `stated` board, or for any circles.
+/// Checks parts of `recording` that are spread evenly over it: searches for `board`, or for any circles. `of_board` is the
+/// difference of the stated board from the recording, if there is one.
 ///
 /// # Errors
 /// [`RecordingError`] if no event can be read.
 pub fn check(
     recording: &Recording,
-    stated: Option<&ConfirmedBoard>,
+    board: Option<&Board>,
+    of_board: Option<&Finding>,
     settings: &DetectionSettings,
     pictures: &PictureSettings,
 ) -> Result<Checked, RecordingError> {
-    let board = stated.map(|stated| &stated.board);
     // Few events are kept, because a file that hardly contains any may take long to read.
     let (mut count, mut last, mut end_of_beginning, mut kept) = (0, 0, None, Vec::new());
     recording.source_files().check()?;
@@ -236,8 +237,7 @@ pub fn check(
         seen,
         next: "".into(),
     };
-    let finding = stated.and_then(|stated| stated.finding.as_ref());
-    checked.next = next_step(&checked, finding, recording);
+    checked.next = next_step(&checked, of_board, recording);
     Ok(checked)
 }
 

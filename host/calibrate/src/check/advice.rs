@@ -177,7 +177,7 @@ mod tests {
     const DAVIS: Option<Sensor> = Some(Sensor::new(346, 260));
 
     fn next(recording: &Recording) -> Advice {
-        check(recording, None, &DetectionSettings::default(), &PictureSettings::default()).unwrap().next
+        check(recording, None, None, &DetectionSettings::default(), &PictureSettings::default()).unwrap().next
     }
 
     fn next_of(events: Vec<Event>, sensor: Option<Sensor>) -> Advice {

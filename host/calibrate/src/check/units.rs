@@ -65,11 +65,14 @@ pub fn unusual_beginning(recording: &Recording) -> Option<OtherUnit> {
     unusual_unit(recording, first_rate(recording)?)
 }
 
-/// Does the same as [`unusual_unit`], for a recording in which no board was found: few events over many minutes, and a unit that was
-/// given, are reported too.
+/// Does the same as [`unusual_unit`], for a recording in which no board was found: few events over many minutes are reported too, even
+/// if the unit was given.
 pub fn other_unit(recording: &Recording, rate: f64) -> Option<OtherUnit> {
-    let is_slow = USUAL.contains(&rate) && rate < SLOW && lasts_longer_than(recording, LONG);
-    unit_for(if is_slow { SLOW..USUAL.end } else { USUAL }, recording, rate)
+    let is_slow = rate < SLOW && lasts_longer_than(recording, LONG);
+    match is_slow {
+        true => unit_for(SLOW..USUAL.end, recording, rate),
+        false => unusual_unit(recording, rate),
+    }
 }
 
 /// Returns the more likely unit if cameras send events at a `usual` rate.

@@ -59,7 +59,8 @@ pub fn run(arguments: &Arguments) -> super::Outcome {
             }
         }
     };
-    let checked = check(&recording, board.as_ref(), &settings.detection, &settings.frames)?;
+    let (board, of_board) = board.map_or((None, None), |stated| (Some(stated.board), stated.finding));
+    let checked = check(&recording, board.as_ref(), of_board.as_ref(), &settings.detection, &settings.frames)?;
     waiting.finish();
     let next = match &checked.next {
         Advice::Calibrate { recording, options, board } => {

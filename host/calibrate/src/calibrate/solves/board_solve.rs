@@ -1,11 +1,11 @@
 //! The joint solve with the nominal board, then with the board's estimated shape, and then with those coefficients of the lens
 //! fixed that the observations do not determine.
 
-use evcal_core::camera::{Camera, MAX_PARAMETERS};
+use evcal_core::camera::Camera;
 use nalgebra::DVector;
 
 use super::fixed_values::contradicted;
-use super::joint_solve::{certainty, refined as refined_from, solve};
+use super::joint_solve::{certainty, refined as refined_from, solve, with};
 use crate::quality::board_evidence::{BoardEstimate, BoardEvidence};
 use crate::quality::misfit::lens_explains_more;
 use crate::quality::residual_map::residual_map;
@@ -18,7 +18,7 @@ use evcal_geometry::board::shape::{BoardShape, PARAMETERS};
 use evcal_geometry::lens::distortion_prior::distortion_prior;
 use evcal_geometry::lens::fixed::with_fixed;
 use evcal_solve::solve::State;
-use evcal_solve::solve::refinement::{EventInput, Refined, RefinementInput};
+use evcal_solve::solve::refinement::{Refined, RefinementInput};
 
 /// Largest number of solves in which parameters of the board are added or removed.
 const MOST_CHANGES: usize = 3;
@@ -98,16 +98,6 @@ pub(in crate::calibrate) fn solve_with_board(
     let camera = with_nominal_board.as_ref().map(|(camera, _)| *camera);
     let board = BoardEstimate::new(&refined, certainty.board_sigma, certainty.board, camera);
     Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined, fixed_values })
-}
-
-/// Returns `input` with these estimated parameters of the board and these fixed intrinsics.
-pub(super) fn with<'a>(
-    input: &RefinementInput<'a, CalibrateError>,
-    free_board: [bool; PARAMETERS],
-    fixed: [bool; MAX_PARAMETERS],
-) -> RefinementInput<'a, CalibrateError> {
-    let events = input.events.as_ref().map(|events| EventInput { ..*events });
-    RefinementInput { free_board, fixed, points: input.points.clone(), events, ..*input }
 }
 
 /// Returns the parameters of the board that are to be estimated: those that the user requests, and those that the observations

@@ -3,7 +3,7 @@
 use evcal_core::camera::{Camera, MAX_PARAMETERS};
 use evcal_core::sensor::Sensor;
 
-use super::joint_solve::solve;
+use super::joint_solve::{solve, with};
 use crate::advice::Advice;
 use crate::picture_calibration::calibration::{PictureCalibration, calibrate_pictures};
 use crate::quality::verdict::board_statement::with_sigma;
@@ -45,7 +45,7 @@ pub(in crate::calibrate) fn contradicted(
     }
     progress.report("joint solve with the fixed values estimated")?;
     let free_board = std::array::from_fn(|index| input.free_board[index] || board[index].is_some());
-    let input = super::board_solve::with(input, free_board, [false; MAX_PARAMETERS]);
+    let input = with(input, free_board, [false; MAX_PARAMETERS]);
     let (refined, certainty) = match solve(task, &input, state, progress) {
         Err(CalibrateError::Solve(_)) => return Ok(Vec::new()),
         solved => solved?,

@@ -1,12 +1,15 @@
 //! The joint solve, and the uncertainty of its result.
 
+use evcal_core::camera::MAX_PARAMETERS;
+use evcal_geometry::board::shape::PARAMETERS;
+
 use crate::quality::uncertainty::{SolveUncertainty, uncertainty};
 use crate::settings::Settings;
 use crate::task::Task;
 use crate::task::error::CalibrateError;
 use crate::task::progress::Progress;
 use evcal_solve::solve::State;
-use evcal_solve::solve::refinement::{Refined, RefinementInput, StageSettings, refine};
+use evcal_solve::solve::refinement::{EventInput, Refined, RefinementInput, StageSettings, refine};
 use evcal_solve::trajectory::first::FirstTrajectorySettings;
 
 /// Returns the settings of the joint solve.
@@ -52,4 +55,14 @@ pub(in crate::calibrate) fn solve(
     progress.report("uncertainty")?;
     let certainty = certainty(&refined)?;
     Ok((refined, certainty))
+}
+
+/// Returns `input` with these estimated parameters of the board and these fixed intrinsics.
+pub(in crate::calibrate) fn with<'a>(
+    input: &RefinementInput<'a, CalibrateError>,
+    free_board: [bool; PARAMETERS],
+    fixed: [bool; MAX_PARAMETERS],
+) -> RefinementInput<'a, CalibrateError> {
+    let events = input.events.as_ref().map(|events| EventInput { ..*events });
+    RefinementInput { free_board, fixed, points: input.points.clone(), events, ..*input }
 }

@@ -369,12 +369,8 @@ fn other_model(rival: &OtherModel, settings: &VerdictSettings) -> Option<Finding
     })
 }
 
-/// Ratio of the 99.5 % quantile of a difference with four degrees of freedom to its 95 % quantile: one in two hundred recordings
-/// without a change is reported.
-const CLEARLY_DIFFERENT: f64 = 1.25;
-
 fn halves(halves: &SplitHalf) -> Option<Finding> {
-    (halves.difference.rms > CLEARLY_DIFFERENT * halves.bound).then(|| Finding {
+    (!halves.consistent()).then(|| Finding {
         cause: Cause::HalvesDisagree,
         severity: Severity::Warning,
         reason: format!(
