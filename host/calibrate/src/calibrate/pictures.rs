@@ -371,7 +371,7 @@ pub(super) fn calibrate_seen(
     let mut quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;
     let mut findings = Vec::from_iter(orientation::finding_on(task.board, sensor));
     findings.extend(task.board_finding.cloned());
-    findings.extend(contradicted_by_pictures(task, &calibration, sensor));
+    findings.extend(contradicted_by_pictures(task, &calibration, sensor, quality.projection.rms_95));
     if let Some(finding) = take_uneven_board(task, &mut calibration, sensor, quality.projection.rms) {
         findings.push(finding);
         quality = examine_pictures(&calibration, task.board, sensor).map_err(CalibrateError::Solve)?;

@@ -10,6 +10,7 @@ use crate::quality::board_evidence::{BoardEstimate, BoardEvidence};
 use crate::quality::misfit::lens_explains_more;
 use crate::quality::residual_map::residual_map;
 use crate::quality::uncertainty::SolveUncertainty;
+use crate::quality::uncertainty::projection::projection_uncertainty;
 use crate::quality::verdict::Finding;
 use crate::task::Task;
 use crate::task::error::CalibrateError;
@@ -94,7 +95,9 @@ pub(in crate::calibrate) fn solve_with_board(
             undetermined.clear();
         }
     }
-    let fixed_values = contradicted(task, &with(input, free, fixed), refined.state.clone(), progress)?;
+    let bound = projection_uncertainty(&refined.state.camera, &certainty.intrinsics.covariance, input.sensor)
+        .map_or(0.0, |projection| projection.rms_95);
+    let fixed_values = contradicted(task, &with(input, free, fixed), refined.state.clone(), bound, progress)?;
     let camera = with_nominal_board.as_ref().map(|(camera, _)| *camera);
     let board = BoardEstimate::new(&refined, certainty.board_sigma, certainty.board, camera);
     Ok(BoardSolve { refined, certainty, board, with_nominal_board, undetermined, fixed_values })
