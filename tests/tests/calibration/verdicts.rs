@@ -59,7 +59,7 @@ fn a_fixed_value_that_the_recording_contradicts_is_not_good() {
     let given = ["calibrate", text(&events), "--board", BOARD, "--model", RADTAN.model, "--accept-any"];
     let fx = camera(&RADTAN.recording().join("truth.json")).parameters()[0];
     for (value, cause) in [(1.005 * fx, true), (fx, false)] {
-        let fixed = format!("fx={value:.3}");
+        let fixed = format!("fx={}", (100.0 * value).round() / 100.0);
         let calibration = made(&format!("fixed-{cause}"), &[&given[..], &["--fix", &fixed]].concat());
         let verdict = read_json(&calibration.join("calibration.json"))["verdict"].clone();
         assert_eq!((names(&verdict, "fixed-value"), verdict["grade"] == "not-good"), (cause, cause), "{verdict:#}");
