@@ -109,7 +109,8 @@ impl CalibrationJob {
         let second =
             calibrate_lens_separately(&separate, &mut *on_progress).map_err(|error| error.advised(&Words::PYTHON))?;
         let _ = on_progress(Step { text: "both cameras", done: None });
-        let found = calibrate_against_first(first, &second, other, self.rolling_shutter, &self.confirmed.board, [None, None]);
+        let found =
+            calibrate_against_first(first, &second, other, self.rolling_shutter, &self.confirmed.board, [None, None]);
         first.add_second(found).map_err(|error| error.advised(&Words::PYTHON))
     }
 }

@@ -63,8 +63,13 @@ pub fn check<'py>(
             }
         };
         let (board, finding) = confirmed.map_or((None, None), |stated| (Some(stated.board), stated.finding));
-        let checked =
-            evcal_calibrate::check::check(&recording, board.as_ref(), finding.as_ref(), &settings.detection, &settings.frames);
+        let checked = evcal_calibrate::check::check(
+            &recording,
+            board.as_ref(),
+            finding.as_ref(),
+            &settings.detection,
+            &settings.frames,
+        );
         Ok::<_, PyErr>((checked.map_err(failed)?, finding))
     })??;
     if let Some(finding) = finding {
