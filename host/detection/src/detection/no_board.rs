@@ -97,6 +97,10 @@ pub enum NoBoard {
     TooManyCircles,
 }
 
+/// Advice if image or print are mirrored.
+pub const MIRRORED_ADVICE: &str =
+    "correct x or y if the file counts it from the other side, or print the board again, not mirrored";
+
 impl NoBoard {
     /// Returns the advice if this is the reason in most windows; `max_interval` is the setting of the windows, `extraction` the
     /// way in which circles were searched.
@@ -135,9 +139,7 @@ impl NoBoard {
             Self::OtherTags => {
                 "count rows and columns of tags, measure tag and gap, and see whether ids rise from the top or from the bottom"
             }
-            Self::MirroredPrint => {
-                "correct x or y if the file counts it from the other side, or print the board again, not mirrored"
-            }
+            Self::MirroredPrint => MIRRORED_ADVICE,
             Self::Inverted => Exchanged::ADVICE,
             Self::NotRound => {
                 "they have corners or holes, like tags, keys, nuts or windows: is the board with round dots in view?"

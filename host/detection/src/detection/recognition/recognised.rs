@@ -13,6 +13,7 @@ use evcal_squares::reconstruction::{Moment, Reconstruction, ReconstructionOption
 use event_recordings::{Recording, RecordingError};
 
 use super::layout::{LONGEST, RecognisedLayout, find_layout, read_beginning};
+use crate::detection::no_board::MIRRORED_ADVICE;
 use crate::detection::settings::DetectionSettings;
 
 /// Time between the pictures in which boards of squares are recognised (µs).
@@ -40,10 +41,7 @@ impl Recognised {
     /// Names the lengths that the user has to measure, or what is wrong with a mirrored board.
     pub fn to_do(&self) -> String {
         match self {
-            Self::Squares(_) if self.is_mirrored() => {
-                "correct x or y if the file counts it from the other side, or print the board again, not mirrored"
-                    .to_owned()
-            }
+            Self::Squares(_) if self.is_mirrored() => MIRRORED_ADVICE.to_owned(),
             Self::Circles(layout) => format!("{}, and give both", layout.to_measure()),
             Self::Squares(found) => {
                 // The ratio of both lengths is only estimated.
