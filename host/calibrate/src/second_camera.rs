@@ -82,6 +82,7 @@ pub fn calibrate_second(
         seconds: start.seconds,
         left_out,
         own_rms: Some(own_rms(&second.refined.problem, &second.refined.state)?),
+        time_scatter: start.time_scatter,
         sensors: [first, second].map(|camera| camera.refined.problem.sensor),
         lenses,
     };
@@ -136,7 +137,7 @@ pub fn calibrate_pictures_against(
     let mut solved = solve_with_fixed_lenses(joint, estimate, lenses)?;
     add_scale_error(&mut solved, &first);
     let sensor = first.refined.problem.sensor;
-    let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, sensors: [sensor; 2], lenses };
+    let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, time_scatter: None, sensors: [sensor; 2], lenses };
     let before = (state.camera, pictures.camera);
     let sigma = first.uncertainty.sigma();
     determined(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))
@@ -166,6 +167,7 @@ struct Known<'a> {
     seconds: f64,
     left_out: f64,
     own_rms: Option<f64>,
+    time_scatter: Option<f64>,
     sensors: [Sensor; 2],
     lenses: Lenses<'a>,
 }
@@ -212,6 +214,7 @@ fn finish(solved: Solved, known: &Known, before: [(&Camera<f64>, &[f64]); 2]) ->
         used,
         left_out: known.left_out,
         looseness: known.own_rms.map(|own| rms / own),
+        time_scatter: known.time_scatter,
         misfit,
         sensors: known.sensors,
         cameras,

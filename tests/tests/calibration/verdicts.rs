@@ -303,14 +303,21 @@ fn the_accelerometer_shows_whether_the_image_is_mirrored() {
         write_moved(&simulation, |place| Some(moved(place)), &file);
         let options = ["--model", RADTAN.model, "--board", BOARD, "--imu", text(&samples), "-o", text(&output)];
         let finished = evcal(&[&["calibrate", text(&file)][..], &options].concat());
-        (finished.code, read_json(&output.join("calibration.json"))["verdict"].clone())
+        let result = read_json(&output.join("calibration.json"));
+        (finished.code, result["verdict"].clone(), result["inertial"].clone())
     };
-    let (code, mirrored) = verdict("mirrored", |[x, y]| [x, 259 - y]);
+    let (code, mirrored, _) = verdict("mirrored", |[x, y]| [x, 259 - y]);
     assert!(names(&mirrored, "mirrored-image") && mirrored["grade"] == "not-good", "{mirrored:#}");
     assert_eq!(code, Some(1));
-    let (code, upright) = verdict("upright", |place| place);
+    let (code, upright, inertial) = verdict("upright", |place| place);
     assert!(!names(&upright, "mirrored-image") && !names(&upright, "orientation-not-checked"), "{upright:#}");
     assert_eq!((code, &upright["grade"]), (Some(0), &Value::from("good")), "{upright:#}");
+    // The samples have no noise, and the axes of the IMU are the camera's: what is left is the error of the trajectory.
+    for axis in 0..3 {
+        let error = inertial["T_imu_camera"][(axis + 2) % 3][(axis + 1) % 3].as_f64().unwrap();
+        let sigma = inertial["rotation_sigma"][axis].as_f64().unwrap();
+        assert!(error.abs() < 3.0 * sigma && sigma < 2e-3, "{axis}: {error} ± {sigma}");
+    }
 }
 
 /// Seven of ten events, chosen at random, are lost. The ranks of the others are wrong, which the focal length absorbs.

@@ -8,6 +8,7 @@ use super::parameters::COUNT;
 use super::prediction::Prediction;
 use super::sample::Sample;
 use evcal_core::spline::Knots;
+use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::numerics::huber::huber;
 use evcal_solve::solve::equations::band::Band;
 use evcal_solve::solve::equations::normal::Equations;
@@ -16,6 +17,11 @@ use evcal_solve::trajectory::{CONTROL_POINT_PARAMETERS as POINT, Trajectory};
 
 /// Residual from which a sample counts linearly, in σ.
 const HUBER: f64 = 3.0;
+
+/// Least noise density that the weights of a sample assume, of the gyroscope (rad/s/√Hz) and the accelerometer (m/s²/√Hz): that of
+/// the quietest chips. With the smaller noise of a file without noise, only the error of the trajectory is left, which the weights
+/// do not know.
+const QUIETEST: [f64; 2] = [0.0014 * std::f64::consts::PI / 180.0, 7e-6 * STANDARD_GRAVITY];
 
 /// Samples of one sensor in one knot span of a segment.
 struct Task {
@@ -57,6 +63,7 @@ fn sample_piece(joint: &Joint, estimate: &Estimate, task: &Task) -> Option<Equat
     let trajectory = estimate.state.trajectories.get(task.segment)?;
     let samples = joint.samples.get(trajectory.recording)?.get(task.samples.clone())?;
     let (sensor, noise) = (SENSORS[task.sensor], &estimate.noise[task.sensor]);
+    let quietest = QUIETEST[task.sensor];
     let columns = POINT * ORDER + COUNT + 1;
     let mut rows = DMatrix::zeros(columns, 3 * samples.len());
     let (mut loss, mut first) = (Loss::default(), None);
@@ -68,7 +75,7 @@ fn sample_piece(joint: &Joint, estimate: &Estimate, task: &Task) -> Option<Equat
         let error = prediction.value - sensor.reading(sample);
         let mut cost = 0.0;
         for axis in 0..3 {
-            let inverse = 1.0 / (noise.density[axis] * joint.rate.sqrt());
+            let inverse = 1.0 / (noise.density[axis].max(quietest) * joint.rate.sqrt());
             let (part, root) = huber(error[axis] * inverse, HUBER);
             cost += part;
             fill_row(rows.column_mut(3 * index + axis).as_mut_slice(), &prediction, axis, error[axis], root * inverse);

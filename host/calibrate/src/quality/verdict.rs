@@ -187,10 +187,34 @@ pub enum Cause {
     CameraMoved,
     /// A device is not fixed to the camera.
     Loose,
+    /// The times of a second camera's pictures scatter.
+    ScatteredTimes,
     /// Two cameras did not see the board at the same time.
     NotSeenTogether,
     /// A rolling shutter was requested, and none was found.
     NoLineDelay,
+}
+
+impl Cause {
+    /// Returns the subjects of findings that follow from this one, whatever is recorded: a changed lens or board, a board that is
+    /// not as described and a wrong fixed value leave an uncertain projection, residuals and halves that differ.
+    fn explains(self) -> &'static [Self] {
+        match self {
+            Self::BoardChanged | Self::UnevenBoard | Self::LengthsDisagree | Self::LensChanged | Self::FixedValue => {
+                &[Self::Uncertain, Self::ModelTooPoor, Self::HalvesDisagree]
+            }
+            Self::ScatteredTimes => &[
+                Self::Loose,
+                Self::PositionNotMeasured,
+                Self::RotationNotMeasured,
+                Self::DelayNotMeasured,
+                Self::CameraMoved,
+            ],
+            // Pixels shifted by rounding leave a pattern that no lens has.
+            Self::Undistorted => &[Self::ModelTooPoor],
+            _ => &[],
+        }
+    }
 }
 
 /// A reason for caution. Its advice is data, or a `String` in the words of a program.
@@ -285,29 +309,25 @@ pub fn verdict(
 ) -> Verdict {
     let mut findings = more;
     findings.extend(findings_on(camera, quality, events, board, sensor, settings));
-    if findings.iter().any(|finding| finding.cause == Cause::Undistorted) {
-        // Pixels shifted by rounding leave a pattern that no lens has.
-        findings.retain(|finding| finding.cause != Cause::ModelTooPoor);
-    }
-    name_the_change(&mut findings);
+    without_consequences(&mut findings);
     Verdict::new(camera, quality, findings)
 }
 
-/// If the lens or the board changed, the board is not as described or a fixed value is wrong, this is the cause of an uncertain
-/// projection, of residuals and of halves that differ, whatever is recorded: their severity passes to the change, and the others are removed.
-fn name_the_change(findings: &mut Vec<Finding>) {
-    let is_change = |finding: &Finding| {
-        let is_of_board = matches!(finding.cause, Cause::BoardChanged | Cause::UnevenBoard | Cause::LengthsDisagree);
-        (is_of_board || matches!(finding.cause, Cause::LensChanged | Cause::FixedValue))
-            && finding.severity > Severity::Note
+/// Removes findings that follow from another one, whose severity becomes the largest of them; notes explain nothing.
+pub fn without_consequences(findings: &mut Vec<Finding>) {
+    let explains = |one: &Finding| if one.severity > Severity::Note { one.cause.explains() } else { &[] };
+    let Some(place) = findings.iter().position(|one| findings.iter().any(|other| explains(one).contains(&other.cause)))
+    else {
+        return;
     };
-    let follows =
-        |finding: &Finding| matches!(finding.cause, Cause::Uncertain | Cause::ModelTooPoor | Cause::HalvesDisagree);
-    let of_consequences = findings.iter().filter(|finding| follows(finding)).map(|finding| finding.severity).max();
-    if let Some(change) = findings.iter_mut().find(|finding| is_change(finding)) {
-        change.severity = change.severity.max(of_consequences.unwrap_or(change.severity));
-        findings.retain(|finding| !follows(finding));
-    }
+    let mut cause = findings.remove(place);
+    let consequences = explains(&cause);
+    let follows = |finding: &Finding| consequences.contains(&finding.cause);
+    cause.severity =
+        findings.iter().filter(|one| follows(one)).fold(cause.severity, |severity, one| severity.max(one.severity));
+    findings.retain(|finding| !follows(finding));
+    findings.push(cause);
+    without_consequences(findings);
 }
 
 /// Sorts findings by severity. Causes of an uncertain projection come before the uncertainty itself, because without
@@ -379,7 +399,7 @@ mod tests {
         let changed = finding(Cause::LensChanged, Severity::Warning, "longer from 3 s on");
         let short = finding(Cause::Short, Severity::Warning, "short");
         let mut findings = vec![uncertain.clone(), changed, short.clone()];
-        name_the_change(&mut findings);
+        without_consequences(&mut findings);
         assert_eq!(
             findings.iter().map(|finding| (finding.cause, finding.severity)).collect::<Vec<_>>(),
             [(Cause::LensChanged, Severity::Failure), (Cause::Short, Severity::Warning)]
@@ -387,7 +407,7 @@ mod tests {
         // A wrong size of markers, which is a note, changes nothing.
         let markers = finding(Cause::LengthsDisagree, Severity::Note, "markers");
         let mut others = vec![uncertain, short, markers];
-        name_the_change(&mut others);
+        without_consequences(&mut others);
         assert_eq!(others.len(), 3);
     }
 

@@ -27,6 +27,8 @@ pub struct SecondCalibration {
     pub left_out: f64,
     /// Ratio of the residuals of its events on the trajectory of the first camera to those on its own; `None` if it has none.
     pub looseness: Option<f64>,
+    /// Spread (σ) of the errors of the times of its poses (s); `None` if they do not scatter.
+    pub time_scatter: Option<f64>,
     /// Misfit of its events, in order of time.
     pub misfit: Vec<Misfit>,
     /// Sensor sizes of both cameras.

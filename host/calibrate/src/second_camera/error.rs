@@ -71,6 +71,15 @@ pub enum SecondCameraError {
         /// Typical change of the rotation (degrees).
         degrees: f64,
     },
+    /// The times of the second camera's pictures, or one of the clocks, jump.
+    #[error(
+        "the times of the second camera scatter by {:.1} ms against the first: with other times, both would be rigidly connected. Take the times from the cameras, not from the computer that stores the pictures",
+        1e3 * seconds
+    )]
+    ScatteredTimes {
+        /// Spread (σ) of the errors of times (s).
+        seconds: f64,
+    },
     /// The second camera has a rolling shutter, which was not requested.
     #[error(
         "the second camera has a rolling shutter: each row of its frames is exposed {:.2} ± {:.2} µs after the one above it ({:.1} ms from the first to the last): a rolling shutter must be declared",

@@ -2,7 +2,7 @@
 
 use super::calibration::SecondCalibration;
 use super::mount::{LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
-use crate::quality::verdict::{Cause, Finding, Severity};
+use crate::quality::verdict::{Cause, Finding, Severity, without_consequences};
 
 /// σ from which a position counts as not measured (m).
 const PLACE_LIMIT: f64 = 5e-3;
@@ -37,6 +37,14 @@ pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
                 1e6 * sigma
             ),
             "put both cameras on one clock",
+        ));
+    }
+    if let Some(seconds) = calibration.time_scatter {
+        findings.push(Finding::new(
+            Cause::ScatteredTimes,
+            Severity::Warning,
+            format!("the times of the second camera scatter by {:.1} ms against the first", 1e3 * seconds),
+            "take them from the camera, not from the computer that stores the pictures",
         ));
     }
     if let Some(ratio) = calibration.looseness.filter(|ratio| *ratio > LOOSE) {
@@ -76,6 +84,7 @@ pub fn findings(calibration: &SecondCalibration) -> Vec<Finding> {
         }
     }
     findings.extend((0..2).filter_map(|camera| about_camera(calibration, camera)));
+    without_consequences(&mut findings);
     findings
 }
 

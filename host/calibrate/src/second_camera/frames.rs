@@ -115,6 +115,8 @@ pub fn calibrate_frames(
         seconds: start.seconds,
         left_out,
         own_rms: None,
+        // The rows of a rolling shutter have times of their own.
+        time_scatter: start.time_scatter.filter(|_| !second.rolling_shutter),
         sensors: [first.refined.problem.sensor, second.sensor],
         lenses,
     };

@@ -18,7 +18,7 @@ use super::mount::{COUNT, Mount, OFFSET, RATE, RATE_SIGMA, ROTATION, TRANSLATION
 use super::seen::{Seen, SeenPose, inner_sample, pose_of, rates};
 use evcal_geometry::board::symmetry::{Symmetries, Symmetry};
 use evcal_geometry::numerics::rigid::best_rotation;
-use evcal_geometry::numerics::statistics::median;
+use evcal_geometry::numerics::statistics::{median, quantile};
 use evcal_geometry::timed_pose::TimedPose;
 use evcal_solve::trajectory::Trajectory;
 use evcal_solve::trajectory::alignment::{AlignmentError, Offset, Overlap, ambiguous, offsets};
@@ -42,6 +42,12 @@ const ROUNDS: usize = 12;
 /// Change of position (m) and rotation (rad) between the cameras above which the mount is loose, if each pose is accurate.
 pub const LOOSE: [f64; 2] = [0.015, 0.015];
 
+/// Largest typical distance of poses from those that the mount predicts, if each may have a time of its own, relative to that with the
+/// given times, with which the times scatter.
+const EXPLAINED: f64 = 0.5;
+/// Smallest scatter of times that is reported (s).
+const LEAST_SCATTER: f64 = 1e-3;
+
 /// For a segment of the first and one of the second recording, the index of a rotation of the board.
 pub type Turns = BTreeMap<(usize, usize), usize>;
 
@@ -56,6 +62,9 @@ pub struct Start {
     pub turns: Turns,
     /// Seconds with the board in view of both cameras.
     pub seconds: f64,
+    /// Spread (σ) of the errors of the times of the second camera's poses (s); `None` if times do not explain the distances of poses from those
+    /// that the mount predicts.
+    pub time_scatter: Option<f64>,
 }
 
 /// Poses of both cameras at one time.
@@ -152,8 +161,8 @@ fn start_at(
     });
     let seen: Vec<TimedPose> = seen.collect();
     let mount = fitted(first, &seen, mount)?;
-    let scatter = fixed(first, &seen, &mount, loose)?;
-    Ok(Found { start: Start { mount, correlation, turns, seconds }, scatter })
+    let Distances { scatter, time_scatter } = fixed(first, &seen, &mount, loose)?;
+    Ok(Found { start: Start { mount, correlation, turns, seconds, time_scatter }, scatter })
 }
 
 fn pairs(first: &[Trajectory], second: &[SeenPose], offset: f64) -> Vec<Pair> {
@@ -266,19 +275,53 @@ fn fitted(first: &[Trajectory], seen: &[TimedPose], mut mount: Mount) -> Result<
     Ok(mount)
 }
 
-/// Returns the typical distance of poses from those that the mount predicts, in [`SPREAD`], or an error if the transform changes
-/// by more than `loose`.
-fn fixed(first: &[Trajectory], seen: &[TimedPose], mount: &Mount, loose: [f64; 2]) -> Result<f64, SecondCameraError> {
+/// Distances of poses from those that the mount predicts.
+struct Distances {
+    /// The typical distance, in [`SPREAD`].
+    scatter: f64,
+    /// See [`Start`].
+    time_scatter: Option<f64>,
+}
+
+/// Returns the distances of poses from those that the mount predicts, or an error if the transform changes by more than `loose`.
+fn fixed(
+    first: &[Trajectory],
+    seen: &[TimedPose],
+    mount: &Mount,
+    loose: [f64; 2],
+) -> Result<Distances, SecondCameraError> {
     let residuals: Vec<_> = seen.iter().filter_map(|pose| residual(first, pose, mount)).collect();
     let usual = |part: usize| {
         let mut sizes: Vec<f64> = residuals.iter().map(|(row, _)| row.fixed_rows::<3>(3 * part).norm()).collect();
         median(&mut sizes, f64::total_cmp).unwrap_or(f64::INFINITY)
     };
     let (rotation, distance) = (usual(0), usual(1));
+    let time_scatter = time_scatter(&residuals);
     if distance > loose[0] || rotation > loose[1] {
-        return Err(SecondCameraError::NotFixed { distance, degrees: rotation.to_degrees() });
+        return Err(match time_scatter {
+            Some(seconds) => SecondCameraError::ScatteredTimes { seconds },
+            None => SecondCameraError::NotFixed { distance, degrees: rotation.to_degrees() },
+        });
     }
-    Ok((rotation / SPREAD[0]).hypot(distance / SPREAD[1]))
+    Ok(Distances { scatter: (rotation / SPREAD[0]).hypot(distance / SPREAD[1]), time_scatter })
+}
+
+/// Returns the spread (σ) of the errors of times with which poses would be those that the mount predicts, if they then are.
+fn time_scatter(residuals: &[(SVector<f64, 6>, SMatrix<f64, 6, COUNT>)]) -> Option<f64> {
+    let weights = SVector::<f64, 6>::from_fn(|row, _| 1.0 / SPREAD[row / 3]);
+    let (mut given, mut explained, mut times) = (Vec::new(), Vec::new(), Vec::new());
+    for (residual, by) in residuals {
+        let (residual, later) = (residual.component_mul(&weights), by.column(OFFSET).component_mul(&weights));
+        let time = later.dot(&residual) / later.norm_squared();
+        given.push(residual.norm());
+        explained.push((residual - later * time).norm());
+        times.push(time);
+    }
+    let [given, explained] = [given, explained].map(|mut values| median(&mut values, f64::total_cmp));
+    times.sort_by(f64::total_cmp);
+    // σ, if the errors have a normal distribution.
+    let time = 0.5 * (quantile(&times, 0.84)? - quantile(&times, 0.16)?);
+    (time > LEAST_SCATTER && explained? < EXPLAINED * given?).then_some(time)
 }
 
 #[cfg(test)]

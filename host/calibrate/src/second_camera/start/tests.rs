@@ -103,6 +103,29 @@ fn transform_offset_and_rate_are_found_from_frames() {
     assert!(found.turns.values().all(|turn| *turn == 1) && found.correlation > 0.95, "{found:?}");
 }
 
+/// The times of frames are off by 2 ms to either side, or jump by 8 ms: with the right times the mount is rigid. A loose mount is not.
+#[test]
+fn times_that_scatter_are_named_and_a_loose_mount_is_not() {
+    let along = second(1.0, Isometry3::identity());
+    let scatter = |time: fn(u32) -> f64, pose: fn(u32) -> Isometry3<f64>| {
+        let frame = |frame: u32| {
+            let t = 1.0 + f64::from(frame) / 30.0;
+            Some((t + time(frame), pose_of(&inner_sample(&along, t)?.1) * pose(frame)))
+        };
+        let seen = Seen::in_frames((0..600).filter_map(frame));
+        start(&first(1.0), &seen, &board("acircles:9x4:55mm:r17.5mm"), LOOSE).unwrap().time_scatter
+    };
+    let still = |_| Isometry3::identity();
+    assert_eq!(scatter(|_| 0.0, still), None);
+    let every_other = scatter(|frame| if frame % 2 == 0 { 2e-3 } else { -2e-3 }, still).unwrap();
+    assert!((every_other / 2e-3 - 1.0).abs() < 0.1, "{every_other}");
+    let jump = scatter(|frame| if frame < 300 { 0.0 } else { 8e-3 }, still).unwrap();
+    // A rate of the clock makes up for three quarters of the variance of a step.
+    assert!((jump / 2e-3 - 1.0).abs() < 0.2, "{jump}");
+    let swings = |frame: u32| Isometry3::new(Vector3::zeros(), Vector3::y() * 0.01 * (0.1 * f64::from(frame)).sin());
+    assert_eq!(scatter(|_| 0.0, swings), None);
+}
+
 #[test]
 fn a_board_seen_in_another_orientation_is_rotated_back() {
     for name in ["acircles:10x4:55mm:r17.5mm", "circles:5x5:50mm:r15mm"] {
