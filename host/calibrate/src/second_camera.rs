@@ -137,7 +137,15 @@ pub fn calibrate_pictures_against(
     let mut solved = solve_with_fixed_lenses(joint, estimate, lenses)?;
     add_scale_error(&mut solved, &first);
     let sensor = first.refined.problem.sensor;
-    let known = Known { correlation: None, seconds, left_out: 0.0, own_rms: None, time_scatter: None, sensors: [sensor; 2], lenses };
+    let known = Known {
+        correlation: None,
+        seconds,
+        left_out: 0.0,
+        own_rms: None,
+        time_scatter: None,
+        sensors: [sensor; 2],
+        lenses,
+    };
     let before = (state.camera, pictures.camera);
     let sigma = first.uncertainty.sigma();
     determined(finish(solved, &known, [(&before.0, &sigma), (&before.1, pictures.sigma)]))

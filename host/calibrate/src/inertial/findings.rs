@@ -12,7 +12,7 @@ use super::sample::Sample;
 use super::stream::StreamReport;
 use super::timing::Timing;
 use crate::advice::Advice;
-use crate::quality::verdict::{Cause, Finding, Severity};
+use crate::quality::verdict::{Cause, Finding, Severity, without_consequences};
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 
 /// σ from which a position counts as not measured (m).
@@ -25,6 +25,8 @@ pub const DELAY_LIMIT: f64 = 1e-3;
 const LEAST_TILT: f64 = 15.0 * std::f64::consts::PI / 180.0;
 /// Smallest drift of the clock that is reported.
 const DRIFT: f64 = 50e-6;
+/// Largest drift of a clock: a larger one with parts that disagree stands for a jump.
+const LARGEST_DRIFT: f64 = 1e-3;
 /// Smallest drift that is reported, in σ.
 const CERTAIN: f64 = 5.0;
 /// Relative nonlinearity of an accelerometer, which limits the accuracy of the board's spacing.
@@ -108,17 +110,26 @@ pub fn findings(calibration: &InertialCalibration) -> Vec<Finding> {
             "measure its spacing with a ruler",
         ));
     }
-    let loose = calibration.block_scatter > LOOSE;
-    if loose {
-        findings.push(Finding::new(
-            Cause::Loose,
-            Severity::Failure,
-            "parts of the recording disagree on the position of the IMU".to_owned(),
-            "fix it to the camera, or check for vibration",
-        ));
+    if calibration.block_scatter > LOOSE {
+        findings.push(if drift.abs() > LARGEST_DRIFT {
+            Finding::new(
+                Cause::ScatteredTimes,
+                Severity::Failure,
+                "no constant offset relates the times of the IMU to those of the events: they jump, or parts are missing"
+                    .to_owned(),
+                STAMP_WHEN_TAKEN,
+            )
+        } else {
+            Finding::new(
+                Cause::Loose,
+                Severity::Failure,
+                "parts of the recording disagree on the position of the IMU".to_owned(),
+                "fix it to the camera, or check for vibration",
+            )
+        });
     }
-    // A loose IMU affects the camera, too.
-    findings.extend(about_camera(calibration).filter(|_| !loose || calibration.fixed.is_some()));
+    findings.extend(about_camera(calibration));
+    without_consequences(&mut findings);
     findings
 }
 

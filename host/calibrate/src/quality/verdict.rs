@@ -187,7 +187,7 @@ pub enum Cause {
     CameraMoved,
     /// A device is not fixed to the camera.
     Loose,
-    /// The times of a second camera's pictures scatter.
+    /// The times of a device's pictures or samples scatter or jump.
     ScatteredTimes,
     /// Two cameras did not see the board at the same time.
     NotSeenTogether,
@@ -196,19 +196,23 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// Returns the subjects of findings that follow from this one, whatever is recorded: a changed lens or board, a board that is
+    /// Returns the subjects of other findings that follow from this one, whatever is recorded: a changed lens or board, a board that is
     /// not as described and a wrong fixed value leave an uncertain projection, residuals and halves that differ.
     fn explains(self) -> &'static [Self] {
         match self {
             Self::BoardChanged | Self::UnevenBoard | Self::LengthsDisagree | Self::LensChanged | Self::FixedValue => {
                 &[Self::Uncertain, Self::ModelTooPoor, Self::HalvesDisagree]
             }
+            Self::Loose => &[Self::CameraMoved],
             Self::ScatteredTimes => &[
                 Self::Loose,
+                Self::CameraMoved,
+                Self::ClockRate,
                 Self::PositionNotMeasured,
                 Self::RotationNotMeasured,
                 Self::DelayNotMeasured,
-                Self::CameraMoved,
+                Self::AccelerometerNotMeasured,
+                Self::GyroscopeNotMeasured,
             ],
             // Pixels shifted by rounding leave a pattern that no lens has.
             Self::Undistorted => &[Self::ModelTooPoor],
@@ -315,14 +319,12 @@ pub fn verdict(
 
 /// Removes findings that follow from another one, whose severity becomes the largest of them; notes explain nothing.
 pub fn without_consequences(findings: &mut Vec<Finding>) {
-    let explains = |one: &Finding| if one.severity > Severity::Note { one.cause.explains() } else { &[] };
-    let Some(place) = findings.iter().position(|one| findings.iter().any(|other| explains(one).contains(&other.cause)))
-    else {
-        return;
-    };
+    let explains =
+        |one: &Finding, other: &Finding| one.severity > Severity::Note && one.cause.explains().contains(&other.cause);
+    let Some(place) = findings.iter().position(|one| findings.iter().any(|other| explains(one, other))) else { return };
     let mut cause = findings.remove(place);
-    let consequences = explains(&cause);
-    let follows = |finding: &Finding| consequences.contains(&finding.cause);
+    let of_cause = cause.clone();
+    let follows = |finding: &Finding| explains(&of_cause, finding);
     cause.severity =
         findings.iter().filter(|one| follows(one)).fold(cause.severity, |severity, one| severity.max(one.severity));
     findings.retain(|finding| !follows(finding));
