@@ -203,16 +203,41 @@ fn a_charuco_board_in_frames_alone_from_mcap() {
     Crossing { board: CHARUCO, sensor: DAVIS346, source: Converted("mcap"), extra: FramesOnly }.is_right();
 }
 
-/// Every board with every device from every source, except other cameras in a replay: `evcal live` has none.
-#[test]
-#[ignore = "part of make test-all"]
-fn all_boards_work_with_all_devices_and_sources() {
-    for board in [DOTS, CHECKERBOARD, APRILGRID, APRILTAGS, CHARUCO] {
-        for extra in [Nothing, Imu, SecondCamera, JointFrames, FramesOnly] {
-            let live: &[Source] = if extra == SecondCamera { &[] } else { &[Replay] };
-            for &source in [File, Converted("bag"), Converted("mcap")].iter().chain(live) {
-                Crossing { board, sensor: DAVIS346, source, extra }.is_right();
+/// Every device with a board from every source, except other cameras in a replay: `evcal live` has none.
+macro_rules! all_sources {
+    ($($name:ident $board:expr;)*) => {$(
+        mod $name {
+            use super::*;
+
+            fn all_are_right(extra: Extra) {
+                let live: &[Source] = if extra == SecondCamera { &[] } else { &[Replay] };
+                for &source in [File, Converted("bag"), Converted("mcap")].iter().chain(live) {
+                    Crossing { board: $board, sensor: DAVIS346, source, extra }.is_right();
+                }
+            }
+
+            all_sources! { @test
+                alone Nothing;
+                imu Imu;
+                second_camera SecondCamera;
+                joint_frames JointFrames;
+                frames_only FramesOnly;
             }
         }
-    }
+    )*};
+    (@test $($name:ident $extra:expr;)*) => {$(
+        #[test]
+        #[ignore = "part of make test-all"]
+        fn $name() {
+            all_are_right($extra);
+        }
+    )*};
+}
+
+all_sources! {
+    dots DOTS;
+    checkerboard CHECKERBOARD;
+    aprilgrid APRILGRID;
+    apriltags APRILTAGS;
+    charuco CHARUCO;
 }
