@@ -44,6 +44,7 @@ use evcal_solve::solve::left_out::covers;
 use evcal_solve::solve::refinement::Refined;
 use evcal_solve::trajectory::Trajectory;
 use evcal_solve::trajectory::mean_distance;
+use event_recordings::Files;
 
 /// Fewest seconds of samples along trajectories.
 pub const FEWEST_SECONDS: f64 = 3.0;
@@ -218,6 +219,7 @@ fn finish(
     };
     let tilt = tilt(&estimate.state.trajectories, &estimate.parameters.gravity);
     Ok(InertialCalibration {
+        source_files: Files::default(),
         prior_sigma: priors::priors(&estimate.parameters, joint.settings).map(|(_, sigma)| sigma),
         parameters: estimate.parameters,
         covariance,

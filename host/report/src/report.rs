@@ -56,7 +56,7 @@ pub struct ResultFile {
 pub fn report(calibrated: &Calibrated, task: &Task, files: &[ResultFile], progress: &mut dyn FnMut(f64)) -> String {
     let sections = sections(calibrated, task, progress);
     // A report cannot name files that have changed.
-    sections.finish(&input_files(task).unwrap_or_default(), files)
+    sections.finish(&input_files(calibrated, task).unwrap_or_default(), files)
 }
 
 /// The sections that do not depend on the written files.

@@ -278,7 +278,7 @@ fn refine(
     let views: Vec<BundleView<'_>> = select_views(&all, board, sensor, BUNDLE_VIEWS)
         .into_iter()
         .filter_map(|position| posed.get(position))
-        .map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose })
+        .map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose, noise: 1.0 })
         .collect();
     let free = vec![true; camera.kind().parameter_names().len()];
     report.bundle_views = views.len();

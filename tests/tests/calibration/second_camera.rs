@@ -61,6 +61,12 @@ fn the_pose_of_the_second_camera_is_estimated_correctly() {
     let truth = &read_json(&simulation().join("truth.json"))["second_camera"];
     let found = &read_json(&calibration().join("calibration.json"))["second_cameras"][0];
     check_transform(found, truth, 2e-4);
+    let read = read_json(&calibration().join("calibration.json"))["input_files"].clone();
+    for (index, name) in ["events.aedat4", "second.aedat4"].iter().enumerate() {
+        let file = simulation().join(name);
+        assert_eq!(read[index]["path"], text(&file));
+        assert_eq!(read[index]["bytes"], fs::metadata(&file).unwrap().len());
+    }
     // Both cameras have the same pixel latency.
     let (error, sigma) = offset_error(found, clock_offset(found, truth));
     assert!(error.abs() < 4.5 * sigma && error.abs() < 6e-5 && sigma < 6e-5, "{error} ± {sigma}");

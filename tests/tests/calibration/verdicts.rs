@@ -304,6 +304,7 @@ fn the_accelerometer_shows_whether_the_image_is_mirrored() {
         let options = ["--model", RADTAN.model, "--board", BOARD, "--imu", text(&samples), "-o", text(&output)];
         let finished = evcal(&[&["calibrate", text(&file)][..], &options].concat());
         let result = read_json(&output.join("calibration.json"));
+        assert_eq!(result["input_files"][1]["path"], text(&samples));
         (finished.code, result["verdict"].clone(), result["inertial"].clone())
     };
     let (code, mirrored, _) = verdict("mirrored", |[x, y]| [x, 259 - y]);

@@ -23,6 +23,7 @@ use evcal_solve::solve::event_sample::EventSample;
 use evcal_solve::solve::refinement::Refined;
 use evcal_solve::solve::residual_statistics::{Measured, ResidualStatistics};
 use evcal_solve::trajectory::segment::SegmentReport;
+use event_recordings::Files;
 use event_recordings::pass::RecordingReport;
 
 /// A calibrated camera, with the data and statistics of all stages.
@@ -43,6 +44,14 @@ pub struct Calibrated {
     pub evidence: Evidence,
     /// The IMU, if requested.
     pub inertial: Option<InertialCalibration>,
+}
+
+impl Calibrated {
+    /// Returns the files of the devices that are not among the inputs of the camera.
+    pub fn device_files(&self) -> impl Iterator<Item = &Files> {
+        let cameras = self.events().map(|events| events.second_cameras.iter().map(|camera| &camera.source_files));
+        cameras.into_iter().flatten().chain(self.inertial.iter().map(|inertial| &inertial.source_files))
+    }
 }
 
 /// Data from which a camera was calibrated.

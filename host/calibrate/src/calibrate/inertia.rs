@@ -23,7 +23,7 @@ use evcal_solve::solve::BOARD_PARAMETERS;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use evcal_solve::solve::refinement::{Refined, RefinementError, RefinementInput, SMALLEST_POINT_SIGMA, refine};
 use evcal_solve::trajectory::first::first_trajectories;
-use event_recordings::{Recording, ros};
+use event_recordings::{Files, Recording, ros};
 
 /// Request for the calibration of an IMU, with prior knowledge.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,6 +47,7 @@ pub fn calibrate_inertial(
     request: &InertialRequest,
     fixed: Option<&FixedIntrinsics>,
 ) -> Result<InertialCalibration, InertialError> {
+    let source_files = Files::new(request.file.clone());
     let recorded = recorded_samples(task.inputs, &calibrated.starts, request)?;
     let of_pictures;
     let refined = match &calibrated.evidence {
@@ -57,6 +58,7 @@ pub fn calibrate_inertial(
         }
     };
     let found = calibrate_unit(recorded, refined, &calibrated.quality.uncertainty, fixed, &request.settings);
+    let found = found.map(|found| InertialCalibration { source_files, ..found });
     found.map_err(|error| if request.file.is_none() { error.of_recording() } else { error })
 }
 

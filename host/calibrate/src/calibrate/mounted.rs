@@ -6,6 +6,7 @@ use crate::quality::verdict::Grade;
 use crate::second_camera::calibration::SecondCalibration;
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::lens::covered_region::CoveredRegion;
+use event_recordings::Files;
 use event_recordings::image_folder::Stamps;
 
 /// Another camera on the mount of the first.
@@ -13,6 +14,8 @@ use event_recordings::image_folder::Stamps;
 pub struct SecondCamera {
     /// Its recording.
     pub file: String,
+    /// The files of this recording.
+    pub source_files: Files,
     /// Size of its sensor.
     pub sensor: Sensor,
     /// Its lens, calibrated separately.

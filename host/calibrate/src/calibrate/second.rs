@@ -23,6 +23,7 @@ use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_solve::initial::PosedFrame;
 use evcal_solve::solve::fixed_intrinsics::FixedIntrinsics;
 use evcal_solve::solve::residual_statistics::Measured;
+use event_recordings::Files;
 use event_recordings::images::Images;
 
 /// Calibrates the lens of another camera on the mount from its own recording, separately from the first camera. Larger
@@ -65,12 +66,13 @@ pub fn calibrate_against_first(
     board: &Board,
     lenses: Lenses,
 ) -> Result<SecondCamera, SecondCameraError> {
-    match input {
+    let found = match input {
         Input::Images(images) => calibrate_frame_camera(first, second, images, rolling_shutter, board, lenses),
         Input::Events(_) | Input::Circles { .. } => {
             calibrate_second_camera(first, second, &input.name(), board, lenses)
         }
-    }
+    };
+    found.map(|camera| SecondCamera { source_files: input.files_read(), ..camera })
 }
 
 /// Calibrates the camera of `second` against the camera of `first`. Both were calibrated separately with the same `board`, from
@@ -116,6 +118,7 @@ fn mounted(
     let start = |calibrated: &Calibrated| calibrated.starts.first().copied().unwrap_or(0.0);
     SecondCamera {
         file: file.to_owned(),
+        source_files: Files::default(),
         sensor: second.sensor,
         camera: CameraDescription::new(second.camera()),
         sigma: CameraDescription::of_values(second.camera().kind(), second.sigma()),
@@ -194,6 +197,7 @@ pub fn calibrate_own_pictures(
     let start = first.starts.first().copied().unwrap_or(0.0);
     Ok(SecondCamera {
         file: "the first camera's own frames".to_owned(),
+        source_files: Files::default(),
         sensor: first.sensor,
         camera: CameraDescription::new(&pictures.camera),
         sigma: CameraDescription::of_values(pictures.camera.kind(), pictures.sigma.iter().copied()),

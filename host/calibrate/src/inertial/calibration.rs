@@ -10,6 +10,7 @@ use super::noise::Line;
 use super::parameters::{BOARD_SCALE, COUNT, InertialParameters};
 use super::stream::StreamReport;
 use crate::quality::verdict::Finding;
+use event_recordings::Files;
 
 /// Ratio of σ to its prior value from which a parameter counts as not measured.
 const PRIOR_SHARE: f64 = 0.5;
@@ -17,6 +18,8 @@ const PRIOR_SHARE: f64 = 0.5;
 /// A calibrated IMU.
 #[derive(Clone, Debug)]
 pub struct InertialCalibration {
+    /// The file of the samples, if they are not in the recordings of the camera.
+    pub source_files: Files,
     /// Estimated parameters.
     pub parameters: InertialParameters,
     /// Covariance of all parameters, in their order.

@@ -53,6 +53,8 @@ pub struct PictureBundle {
     pub camera: Camera<f64>,
     /// `T_camera_world` of each view.
     pub poses: Vec<Isometry3<f64>>,
+    /// Standard deviation of the dots of each view relative to the spread.
+    pub noise: Vec<f64>,
     /// Covariance of the camera's parameters, in the order of the model.
     pub covariance: DMatrix<f64>,
     /// Ratio of the variance of the parameters to that with independent residuals, on average.
@@ -71,6 +73,10 @@ pub struct PictureBundle {
 const PASSES: usize = 3;
 /// Distance between dots below which the board is in the same place: the width of a blurred edge (px).
 const SAME_PLACE: f64 = 1.0;
+/// Number of parameters of a pose.
+const POSE_PARAMETERS: usize = 6;
+/// Weight of the assumption that all views are equally noisy, in residuals.
+const EVENLY: f64 = 10.0;
 /// Smallest spread that is used (px).
 const SMALLEST_SPREAD: f64 = 0.002;
 
@@ -92,12 +98,20 @@ impl ImagePoint for SeenDot {
     }
 }
 
-/// Returns the residuals of all dots in pixels.
-fn residuals(target: &Target<'_, SeenDot>, estimate: &Estimate) -> Vec<Vector2<f64>> {
-    let of_view = |(view, pose): (&View<'_, SeenDot>, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
-        view.points.iter().filter_map(|dot| dot.error(&estimate.camera, pose)).collect()
+/// Returns the residuals of the dots of each view in pixels.
+fn residuals(views: &[PictureView], estimate: &Estimate) -> Vec<Vec<Vector2<f64>>> {
+    let of_view = |(view, pose): (&PictureView, &Isometry3<f64>)| -> Vec<Vector2<f64>> {
+        view.dots.iter().filter_map(|dot| dot.error(&estimate.camera, pose)).collect()
     };
-    target.views.iter().zip(&estimate.poses).flat_map(of_view).collect()
+    views.iter().zip(&estimate.poses).map(of_view).collect()
+}
+
+/// Returns the standard deviation of the dots of a view with these `residuals` relative to the `spread` of all: some pictures are
+/// blurred, or near the lens. Few dots do not determine it, so it is drawn towards 1.
+fn noise(residuals: &[Vector2<f64>], spread: f64) -> f64 {
+    let squares: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();
+    let freedom = (2 * residuals.len()).saturating_sub(POSE_PARAMETERS) as f64;
+    ((squares / (spread * spread) + EVENLY) / (freedom + EVENLY)).sqrt()
 }
 
 /// Returns the number of the place of the board in each picture: a board at rest stays in its place.
@@ -130,8 +144,9 @@ fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 }
 
 /// Returns a robust standard deviation along one axis.
-fn robust_spread(residuals: &[Vector2<f64>]) -> f64 {
-    let mut sizes: Vec<f64> = residuals.iter().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
+fn robust_spread(residuals: &[Vec<Vector2<f64>>]) -> f64 {
+    let mut sizes: Vec<f64> =
+        residuals.iter().flatten().flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
     median(&mut sizes, f64::total_cmp).map_or(SMALLEST_SPREAD, |median| (SIGMA_BY_MEDIAN * median).max(SMALLEST_SPREAD))
 }
 
@@ -154,15 +169,18 @@ pub fn picture_bundle(
     let dots: usize = views.iter().map(|view| view.dots.len()).sum();
     let freedom = (2 * dots).checked_sub(6 * views.len() + estimated).filter(|freedom| *freedom > 0)?;
     let prior = distortion_prior(camera, sensor);
-    let seen: Vec<View<'_, SeenDot>> = views.iter().map(|view| View { points: &view.dots, pose: view.pose }).collect();
-    let mut target = Target { views: &seen, free: &free, prior, huber: f64::INFINITY };
+    let mut seen: Vec<View<'_, SeenDot>> =
+        views.iter().map(|view| View { points: &view.dots, pose: view.pose, noise: 1.0 }).collect();
     let start = Estimate { camera: *camera, poses: views.iter().map(|view| view.pose).collect() };
     let mut best = Costed { estimate: start, cost: f64::INFINITY };
-    let mut steps = 0;
-    for _ in 0..PASSES {
-        let spread = robust_spread(&residuals(&target, &best.estimate));
-        target.huber = huber * spread;
-        target.prior = prior.against(spread);
+    let (mut steps, mut spread) = (0, SMALLEST_SPREAD);
+    for pass in 0..PASSES {
+        let residuals = residuals(views, &best.estimate);
+        spread = robust_spread(&residuals);
+        if pass > 0 {
+            seen.iter_mut().zip(&residuals).for_each(|(view, of_view)| view.noise = noise(of_view, spread));
+        }
+        let target = Target { views: &seen, free: &free, prior: prior.against(spread), huber: huber * spread };
         best.cost = target.cost(&best.estimate);
         steps += target.refine(&mut best);
         if !best.cost.is_finite() {
@@ -170,7 +188,8 @@ pub fn picture_bundle(
         }
     }
     let estimate = best.estimate;
-    let residuals = residuals(&target, &estimate);
+    let residuals = residuals(views, &estimate);
+    let target = Target { views: &seen, free: &free, prior: prior.against(spread), huber: huber * spread };
     let linear = target.linearise(&estimate);
     let squares: f64 = linear.iter().map(|view| view.squares).sum();
     // Border and gradient of each view, with its pose eliminated.
@@ -215,15 +234,16 @@ pub fn picture_bundle(
     let dependence = (shifts / (variance * expected)).max(1.0);
     let covariance = &unscaled * (information * dependence + weights) * &unscaled * variance;
     let inflation = (&border * &covariance).trace() / (estimated as f64 * variance);
-    let mut distances: Vec<f64> = residuals.iter().map(|residual| residual.norm()).collect();
-    let square: f64 = residuals.iter().map(|residual| residual.norm_squared()).sum();
+    let mut distances: Vec<f64> = residuals.iter().flatten().map(|residual| residual.norm()).collect();
+    let square: f64 = distances.iter().map(|distance| distance * distance).sum();
     Some(PictureBundle {
         camera: estimate.camera,
         poses: estimate.poses,
+        noise: seen.iter().map(|view| view.noise).collect(),
         covariance,
         inflation,
         spread: robust_spread(&residuals),
-        rms: (square / residuals.len().max(1) as f64).sqrt(),
+        rms: (square / distances.len().max(1) as f64).sqrt(),
         median: median(&mut distances, f64::total_cmp).unwrap_or(0.0),
         steps,
     })

@@ -43,9 +43,10 @@ pub fn uneven_board(
     let mut shifts = vec![Vector3::zeros(); points.len()];
     let mut camera = calibration.camera;
     let mut poses: Vec<Isometry3<f64>> = calibration.posed.iter().map(|posed| posed.pose.inverse()).collect();
+    let mut noise = vec![1.0; poses.len()];
     for _ in 0..ROUNDS {
         let mut sums = vec![(Matrix3::from_diagonal_element(prior), Vector3::zeros()); points.len()];
-        for (posed, pose) in calibration.posed.iter().zip(&poses) {
+        for ((posed, pose), noise) in calibration.posed.iter().zip(&poses).zip(&noise) {
             for circle in &posed.circles {
                 let (Some(point), Some(shift)) = (points.get(circle.index), shifts.get(circle.index)) else { continue };
                 let place = point + shift;
@@ -53,10 +54,10 @@ pub fn uneven_board(
                 let along =
                     |axis: usize| Some((pixel(&camera, pose, place + STEP * Vector3::ith(axis, 1.0))? - seen) / STEP);
                 let (Some(x), Some(y), Some(z)) = (along(0), along(1), along(2)) else { continue };
-                let jacobian = SMatrix::<f64, 2, 3>::from_columns(&[x, y, z]);
+                let jacobian = SMatrix::<f64, 2, 3>::from_columns(&[x, y, z]) / *noise;
                 if let Some((normal, right)) = sums.get_mut(circle.index) {
                     *normal += jacobian.transpose() * jacobian;
-                    *right += jacobian.transpose() * (circle.center - seen);
+                    *right += jacobian.transpose() * (circle.center - seen) / *noise;
                 }
             }
         }
@@ -78,7 +79,7 @@ pub fn uneven_board(
             })
             .collect();
         let solved = picture_bundle(&camera, &views, sensor, HUBER, fixed)?;
-        (camera, poses) = (solved.camera, solved.poses);
+        (camera, poses, noise) = (solved.camera, solved.poses, solved.noise);
     }
     let farthest = shifts.iter().map(Vector3::norm).fold(0.0, f64::max);
     Some(UnevenBoard { camera, farthest })

@@ -328,7 +328,7 @@ pub fn without_consequences(findings: &mut Vec<Finding>) {
     cause.severity =
         findings.iter().filter(|one| follows(one)).fold(cause.severity, |severity, one| severity.max(one.severity));
     findings.retain(|finding| !follows(finding));
-    findings.push(cause);
+    findings.insert(0, cause);
     without_consequences(findings);
 }
 

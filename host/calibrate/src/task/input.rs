@@ -92,6 +92,16 @@ impl Input {
         }
     }
 
+    /// Returns the files that were read: of a live camera, the dump that it has written.
+    pub fn files_read(&self) -> Files {
+        match self {
+            Self::Events(recording) if recording.source_files().is_empty() => {
+                Files::new(recording.files().into_iter().map(Path::to_owned))
+            }
+            input => input.source_files().clone(),
+        }
+    }
+
     /// Returns `true` if these are circles in frames so far apart in time that no trajectory connects them, each frame seen at one moment.
     pub fn has_only_views(&self) -> bool {
         let Self::Circles { frames, .. } = self else { return false };

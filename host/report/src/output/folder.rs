@@ -140,7 +140,7 @@ fn write_files(folder: &Path, calibrated: &Calibrated, task: &Task) -> Result<(W
     let put = |path: PathBuf, content: &[u8]| evcal_files::write(&path, content);
     let calibration = CalibrationFile {
         command: (!task.command_line.is_empty()).then(|| task.command_line.to_owned()),
-        input_files: input_files(task).map_err(changed)?,
+        input_files: input_files(calibrated, task).map_err(changed)?,
         ..CalibrationFile::new(calibrated, task.board, task.words)
     };
     let failed = |error: serde_json::Error| FileError::new(&folder.join("calibration.json"), error.into());

@@ -59,6 +59,8 @@ pub struct View<'a, P> {
     pub points: &'a [P],
     /// `T_camera_world`.
     pub pose: Isometry3<f64>,
+    /// Standard deviation of its points relative to those of other views.
+    pub noise: f64,
 }
 
 /// The estimated quantities: camera and `T_camera_world` of each view.
@@ -78,7 +80,7 @@ pub struct Target<'a, P> {
     pub free: &'a [bool],
     /// Prior on the coefficients of the distortion.
     pub prior: DistortionPrior,
-    /// Huber's bound in pixels.
+    /// Huber's bound in pixels, for a view whose relative noise is 1.
     pub huber: f64,
 }
 
@@ -118,21 +120,24 @@ impl<P: ImagePoint> Target<'_, P> {
         self.free.get(parameter).copied().unwrap_or(false)
     }
 
-    /// Returns the cost: the sum of Huber's loss over all points, in squared pixels, and the cost of the prior. It is infinite if a
+    /// Returns the cost: the sum of Huber's loss over all points, in squared pixels over the relative noise of their view, and the cost of the prior. It is infinite if a
     /// point is outside the camera's domain.
     pub fn cost(&self, estimate: &Estimate) -> f64 {
         let camera = &estimate.camera;
         let of_view = |(view, pose): (&View<'_, P>, &Isometry3<f64>)| -> f64 {
-            let squared = |point: &P| point.distance(camera, pose).powi(2);
+            let squared = |point: &P| (point.distance(camera, pose) / view.noise).powi(2);
             view.points.iter().map(|point| huber_cost(squared(point), self.huber)).sum()
         };
         let costs: Vec<f64> = self.views.par_iter().zip(&estimate.poses).map(of_view).collect();
         costs.iter().sum::<f64>() + self.prior.cost(camera)
     }
 
-    fn equations(&self, camera: &Camera<f64>, pose: &Isometry3<f64>, points: &[P]) -> Equations {
+    fn equations(&self, camera: &Camera<f64>, pose: &Isometry3<f64>, view: &View<'_, P>) -> Equations {
         let mut sum = Equations::new();
-        for mut residual in points.iter().filter_map(|point| point.residual(camera, pose)) {
+        for mut residual in view.points.iter().filter_map(|point| point.residual(camera, pose)) {
+            residual.error /= view.noise;
+            residual.by_pose /= view.noise;
+            residual.by_parameters /= view.noise;
             for index in (0..MAX_PARAMETERS).filter(|&index| !self.is_free(index)) {
                 residual.by_parameters.column_mut(index).fill(0.0);
             }
@@ -145,7 +150,7 @@ impl<P: ImagePoint> Target<'_, P> {
     /// Computes the normal equations of each view.
     pub fn linearise(&self, estimate: &Estimate) -> Vec<Equations> {
         let views = self.views.par_iter().zip(&estimate.poses);
-        views.map(|(view, pose)| self.equations(&estimate.camera, pose, view.points)).collect()
+        views.map(|(view, pose)| self.equations(&estimate.camera, pose, view)).collect()
     }
 
     /// Returns the information about the camera after elimination of the poses; `None` if one of them is not determined.

@@ -58,7 +58,7 @@ fn refine_start(
         return None;
     }
     let views: Vec<BundleView<'_>> =
-        posed.iter().map(|(agreeing, _, pose)| BundleView { points: agreeing, pose: *pose }).collect();
+        posed.iter().map(|(agreeing, _, pose)| BundleView { points: agreeing, pose: *pose, noise: 1.0 }).collect();
     let free = vec![true; camera.kind().parameter_names().len()];
     Some(Candidate {
         bundle: bundle(camera, &views, &free, sensor, HUBER)?,

@@ -102,7 +102,7 @@ pub fn held_out(
             .par_iter()
             .map(|&position| {
                 let frame = others.get(position)?;
-                Some(BundleView { points: &frame.points, pose: posed(start, frame)?.pose })
+                Some(BundleView { points: &frame.points, pose: posed(start, frame)?.pose, noise: 1.0 })
             })
             .collect::<Vec<_>>()
             .into_iter()

@@ -62,8 +62,11 @@ pub fn native_start(
     let scores: Vec<f64> = scan.par_iter().map(score).collect();
     let (start, _) = scan.iter().zip(&scores).min_by(|a, b| a.1.total_cmp(b.1))?;
     let fits: Vec<_> = views.par_iter().map(|points| homography_pose(start, points, HUBER)).collect::<Vec<_>>();
-    let mut bundle_views: Vec<BundleView<'_>> =
-        views.iter().zip(fits).filter_map(|(points, fit)| Some(BundleView { points, pose: fit?.pose })).collect();
+    let mut bundle_views: Vec<BundleView<'_>> = views
+        .iter()
+        .zip(fits)
+        .filter_map(|(points, fit)| Some(BundleView { points, pose: fit?.pose, noise: 1.0 }))
+        .collect();
     if bundle_views.len() < settings.min_frames {
         return None;
     }

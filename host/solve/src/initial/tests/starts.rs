@@ -65,7 +65,7 @@ fn a_start_in_the_wrong_local_minimum_is_corrected() {
     let mut report = InitialReport::default();
     let posed = poses(&wrong, sightings, &settings, &mut report);
     let views: Vec<BundleView> =
-        posed.iter().map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose }).collect();
+        posed.iter().map(|posed| BundleView { points: &posed.sighting.points, pose: posed.pose, noise: 1.0 }).collect();
     let alone = bundle(&wrong, &views, &[true; 6], SENSOR, HUBER).unwrap().camera;
     assert!(xi(&alone) >= 0.0, "{alone:?} has left the wrong side by itself");
     let refined = refine(&wrong, &posed, &scene.board, SENSOR, &mut report).unwrap().camera;
