@@ -3,6 +3,7 @@
 pub mod calibrated_camera;
 pub mod calibration_file;
 mod correlated;
+pub mod device_description;
 pub mod device_verdicts;
 pub mod inertial_result;
 pub mod printed_board;

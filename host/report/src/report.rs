@@ -8,6 +8,7 @@ mod at_a_glance;
 mod board_places;
 mod camera_pictures;
 mod chart;
+mod device;
 mod distortion;
 pub mod drawing;
 mod example_frames;

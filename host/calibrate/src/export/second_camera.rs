@@ -113,13 +113,14 @@ fn pair<'a>(first: &CalibratedCamera, result: &'a SecondCameraResult) -> Result<
 /// Describes the clocks, for formats without entries for them.
 fn clocks(pair: &Pair) -> String {
     let offset = pair.result.time_offset.value;
+    let offset = format!("{} {:.9}", if offset < 0.0 { '-' } else { '+' }, offset.abs());
     match pair.result.frames {
         Some(frames) if frames.rolling_shutter => format!(
-            "t_second = t_first + {offset} s (of the middle row of a frame), line delay {} s",
+            "t_second = t_first {offset} s (of the middle row of a frame), line delay {} s",
             frames.line_delay.value
         ),
-        Some(_) => format!("t_second = t_first + {offset} s (timestamps of events and of a frame of the same moment)"),
-        None => format!("t_second = t_first + {offset} s (timestamps of events of the same moment)"),
+        Some(_) => format!("t_second = t_first {offset} s (timestamps of events and of a frame of the same moment)"),
+        None => format!("t_second = t_first {offset} s (timestamps of events of the same moment)"),
     }
 }
 

@@ -8,7 +8,7 @@
 //! and its error does not show between pictures.
 //!
 //! The errors within a picture are not independent: blur, the shutter and the paper shift all its dots together. κ tells how much
-//! this increases the variance, on average over the parameters. It comes from the jackknife over pictures (Efron 1982): leaving
+//! this increases the variance, on average over the parameters. Without errors common to all pictures, it comes from the jackknife over pictures (Efron 1982): leaving
 //! out picture f with the gradient g_f moves the parameters by δ_f = (S − S_f)⁻¹ g_f; with independent errors, the expectation of
 //! δ_fᵀ S δ_f is σ² tr (S − S_f)⁻¹ S_f, and κ is the ratio of the sums of both. The jackknife's own covariance would be that of
 //! a few pictures for what only these determine, such as the distortion in a corner of the image. Pictures of a board at rest
@@ -73,6 +73,9 @@ pub struct PictureBundle {
 const PASSES: usize = 3;
 /// Distance between dots below which the board is in the same place: the width of a blurred edge (px).
 const SAME_PLACE: f64 = 1.0;
+/// Error that all dots have in common, as a share of their spread: it depends on the size and the tilt of the board's image, so that
+/// the scatter between pictures does not show it. Of 78 simulated recordings (seeds 300 to 400), 66 were within their 95 % bound without it.
+const COMMON: f64 = 0.015;
 /// Number of parameters of a pose.
 const POSE_PARAMETERS: usize = 6;
 /// Weight of the assumption that all views are equally noisy, in residuals.
@@ -231,7 +234,7 @@ pub fn picture_bundle(
     }
     let variance = squares / freedom as f64;
     let unscaled = inverse(&border)?;
-    let dependence = (shifts / (variance * expected)).max(1.0);
+    let dependence = (shifts / (variance * expected)).max(1.0) + COMMON * COMMON * dots as f64;
     let covariance = &unscaled * (information * dependence + weights) * &unscaled * variance;
     let inflation = (&border * &covariance).trace() / (estimated as f64 * variance);
     let mut distances: Vec<f64> = residuals.iter().flatten().map(|residual| residual.norm()).collect();

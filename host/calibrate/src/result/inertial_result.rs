@@ -1,7 +1,5 @@
 //! A calibrated IMU as stored in `calibration.json`, and as text.
 
-use std::fmt::Write as _;
-
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +13,7 @@ use crate::inertial::parameters::{
 use crate::inertial::stream::StreamReport;
 use crate::quality::verdict::{Cause, Grade};
 use crate::result::correlated::{POSE_NAMES, correlated};
+use crate::result::device_description::{DeviceDescription, Quantity};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::numerics::rigid::pose_of_rows;
@@ -226,131 +225,83 @@ impl InertialResult {
         )
     }
 
-    /// Returns pairs of strongly correlated parameters.
-    fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
-        correlated(self.correlations.iter().map(Vec::as_slice), POSE_NAMES.into_iter().chain(NAMES))
-    }
-
-    /// Returns the result as text: each number with its σ, each transform and delay with its direction.
-    pub fn sentences(&self) -> String {
+    /// Returns the result as terminal and report show it.
+    pub fn description(&self) -> DeviceDescription {
         let fixed = if self.fixed_camera.is_some() { ", with fixed camera intrinsics" } else { "" };
-        let mut text = format!("IMU, from {} samples{fixed}:\n", self.used);
-        let _ = writeln!(text, "  {}", self.verdict);
-        self.place(&mut text);
-        for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
-            let Uncertain { value, sigma } = sensor.delay;
-            if !sensor.delay_measured {
-                let _ = writeln!(text, "  delay of the {name}: not measured");
-                continue;
-            }
-            let way = if value >= 0.0 { "later" } else { "earlier" };
-            let _ = writeln!(
-                text,
-                "  timestamps of the {name} are {:.3} ± {:.3} ms {way} than events of the same moment: t_{name} = t_events {} {:.3} ms",
-                1e3 * value.abs(),
-                1e3 * sigma,
-                if value >= 0.0 { '+' } else { '-' },
-                1e3 * value.abs(),
-            );
+        DeviceDescription {
+            heading: format!("IMU, from {} samples{fixed}", self.used),
+            verdict: self.verdict.clone(),
+            quantities: self.quantities(),
+            notes: self.notes(),
+            findings: self.findings.clone(),
         }
-        if self.gyroscope.delay_measured || self.accelerometer.delay_measured {
-            text.push_str(
-                "  these delays include the latency of the pixels (some 0.1 ms in good light, more in dim light); their σ does not\n",
-            );
-        }
-        let list = |value: [f64; 3], factor: f64, digits: usize| {
-            value.map(|value| format!("{:.digits$}", factor * value)).join(", ")
+    }
+
+    fn quantities(&self) -> Vec<Quantity> {
+        const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+        let rotation = self.imu_from_camera.as_ref().map(|rows| pose_of_rows(rows).rotation.scaled_axis());
+        let place = &self.position_in_camera;
+        let axes = |name: &str, unit: (&'static str, f64), value: [f64; 3], sigma: [f64; 3]| {
+            Quantity::along_axes(name, unit, value.map(Some), sigma.map(Some))
         };
-        let degrees = 180.0 / std::f64::consts::PI;
-        let Uncertain { value, sigma } = self.gyroscope.bias;
-        let _ = writeln!(
-            text,
-            "  bias of the gyroscope (reading minus truth): {} ± {} °/s (its axes)",
-            list(value, degrees, 3),
-            list(sigma, degrees, 3)
-        );
-        let Uncertain { value, sigma } = self.accelerometer.bias;
-        let milli = 1e3 / STANDARD_GRAVITY;
-        let _ = writeln!(
-            text,
-            "  bias of the accelerometer (reading minus truth): {} ± {} mg (its axes)",
-            list(value, milli, 2),
-            list(sigma, milli, 2)
-        );
-        for (name, sensor) in [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)] {
-            if !sensor.matrix_measured {
-                let _ = writeln!(text, "  scale of the {name}: not measured");
-                continue;
-            }
-            let diagonal = |matrix: &[[f64; 3]; 3]| std::array::from_fn(|axis| matrix[axis][axis]);
-            let scale: [f64; 3] = diagonal(&sensor.matrix);
-            let _ = writeln!(
-                text,
-                "  scale of the {name}: {} ± {}",
-                list(scale, 1.0, 5),
-                list(diagonal(&sensor.matrix_sigma), 1.0, 5)
-            );
+        let diagonal = |matrix: &[[f64; 3]; 3]| std::array::from_fn(|axis| matrix[axis][axis]);
+        let mut quantities = vec![
+            axes(
+                "rotation vector of R_imu_camera",
+                ("°", DEGREES),
+                rotation.unwrap_or_default().into(),
+                self.rotation_sigma,
+            )
+            .known_if(rotation.is_some()),
+            Quantity::along_axes(
+                "position of the IMU in the camera frame (x right, y down, z forward)",
+                ("mm", 1e3),
+                place.value,
+                place.sigma,
+            ),
+        ];
+        let sensors = [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)];
+        for (name, sensor) in sensors {
+            let delay = format!("delay of the {name}, t_{name} − t_events");
+            quantities.push(Quantity::one(&delay, ("ms", 1e3), sensor.delay).known_if(sensor.delay_measured));
         }
-        let _ = writeln!(
-            text,
-            "  gravity points along ({}) of the board's axes, ± {:.3}°",
-            list(Vector3::from(self.gravity).normalize().into(), 1.0, 5),
-            self.gravity_sigma.to_degrees()
-        );
-        self.noises(&mut text);
-        let Uncertain { value, sigma } = self.board_scale;
-        let _ = write!(
-            text,
-            "  according to the accelerometer, the board is {value:.4} ± {sigma:.4} times its stated size"
-        );
-        for (one, other, value) in self.correlated() {
-            let _ = write!(text, "\n  {one} and {other} are correlated by {value:.2}");
+        for ((name, sensor), unit) in sensors.into_iter().zip([("°/s", DEGREES), ("mg", 1e3 / STANDARD_GRAVITY)]) {
+            let scale = (diagonal(&sensor.matrix), diagonal(&sensor.matrix_sigma));
+            quantities.extend([
+                axes(&format!("bias of the {name}"), unit, sensor.bias.value, sensor.bias.sigma),
+                axes(&format!("scale of the {name}"), ("", 1.0), scale.0, scale.1).known_if(sensor.matrix_measured),
+            ]);
         }
-        for finding in &self.findings {
-            let _ = write!(text, "\n  {finding}");
+        let gravity: [f64; 3] = Vector3::from(self.gravity).normalize().into();
+        quantities.extend([
+            Quantity::plain("direction of gravity in the axes of the board".to_owned(), "", &gravity, 5),
+            Quantity::plain("σ of this direction".to_owned(), "°", &[self.gravity_sigma.to_degrees()], 3),
+        ]);
+        for ((name, sensor), (unit, factor, decimals)) in
+            sensors.into_iter().zip([("°/s/√Hz", DEGREES, 4), ("µg/√Hz", 1e6 / STANDARD_GRAVITY, 0)])
+        {
+            let source =
+                if sensor.noise_measured { "" } else { " (not measured: twice the value of a typical data sheet)" };
+            let mean = factor * sensor.noise_density.iter().sum::<f64>() / 3.0;
+            quantities.push(Quantity::plain(format!("noise of the {name}{source}"), unit, &[mean], decimals));
         }
-        text
+        let size = "size of the board by the accelerometer / stated size";
+        quantities.push(Quantity::one(size, ("", 1.0), self.board_scale));
+        quantities
     }
 
-    fn place(&self, text: &mut String) {
-        if let Some(rows) = &self.imu_from_camera {
-            let vector = pose_of_rows(rows).rotation.scaled_axis().map(f64::to_degrees);
-            let sigma = self.rotation_sigma.map(f64::to_degrees);
-            let _ = writeln!(
-                text,
-                "  R_imu_camera, from the camera's axes to the IMU's, is a rotation by {:.3}°: rotation vector ({:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3})°",
-                vector.norm(),
-                vector.x,
-                sigma[0],
-                vector.y,
-                sigma[1],
-                vector.z,
-                sigma[2]
+    fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.gyroscope.delay_measured || self.accelerometer.delay_measured {
+            notes.push(
+                "delays include the latency of the pixels (some 0.1 ms in good light, more in dim light); their σ does not"
+                    .to_owned(),
             );
         }
-        let axes = ["x (right)", "y (down)", "z (forward)"];
-        let values = self.position_in_camera.value.iter().zip(&self.position_in_camera.sigma).zip(axes);
-        let places: Vec<String> = values
-            .map(|((value, sigma), axis)| match (value, sigma) {
-                (Some(value), Some(sigma)) => format!("{axis} {:.2} ± {:.2} mm", 1e3 * value, 1e3 * sigma),
-                _ => format!("{axis} not measured"),
-            })
-            .collect();
-        let _ = writeln!(text, "  position of the IMU in the camera frame: {}", places.join(", "));
-    }
-
-    fn noises(&self, text: &mut String) {
-        let mean = |density: [f64; 3]| density.iter().sum::<f64>() / 3.0;
-        let note =
-            |measured: bool| if measured { "" } else { " (not measured: twice the value of a typical data sheet)" };
-        let _ = writeln!(
-            text,
-            "  noise: gyroscope {:.4} °/s/√Hz{}, accelerometer {:.0} µg/√Hz{}; random walks are not measured",
-            mean(self.gyroscope.noise_density).to_degrees(),
-            note(self.gyroscope.noise_measured),
-            1e6 * mean(self.accelerometer.noise_density) / STANDARD_GRAVITY,
-            note(self.accelerometer.noise_measured),
-        );
+        notes.push("biases are reading minus truth; random walks are not measured".to_owned());
+        let rows = self.correlations.iter().map(Vec::as_slice);
+        notes.extend(correlated(rows, POSE_NAMES.into_iter().chain(NAMES)));
+        notes
     }
 }
 

@@ -1,7 +1,5 @@
 //! A second camera as stored in `calibration.json`, and as text.
 
-use std::fmt::Write as _;
-
 use evcal_core::sensor::Sensor;
 use nalgebra::{Isometry3, RowDVector, SVector, Vector3};
 use serde::{Deserialize, Serialize};
@@ -9,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::calibrate::mounted::{SecondCamera, SecondFrames};
 use crate::quality::verdict::{Cause, Grade};
 use crate::result::correlated::{POSE_NAMES, correlated};
+use crate::result::device_description::{DeviceDescription, Quantity};
 use crate::result::inertial_result::Uncertain;
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
@@ -218,122 +217,91 @@ impl SecondCameraResult {
         )
     }
 
-    /// Returns the result as text: each number with its σ, each transform and offset with its direction.
-    pub fn sentences(&self) -> String {
+    /// Returns the result as terminal and report show it.
+    pub fn description(&self) -> DeviceDescription {
         let what = match self.frames {
             Some(frames) => format!("{} points in {} frames", self.used, frames.used),
             None if self.from_identity.is_some() => format!("{} points", self.used),
             None => format!("{} events", self.used),
         };
-        let mut text = format!(
-            "second camera ({}), from {what} in {:.1} s with the board in view of both:\n",
-            self.recording, self.seconds
-        );
-        let _ = writeln!(text, "  {}", self.verdict);
-        if self.lens_grade.is_some() {
-            let _ = writeln!(text, "  its lens: {}", self.lens_verdict);
+        DeviceDescription {
+            heading: format!(
+                "second camera ({}), from {what} in {:.1} s with the board in view of both",
+                self.recording, self.seconds
+            ),
+            verdict: self.verdict.clone(),
+            quantities: self.quantities(),
+            notes: self.notes(),
+            findings: self.findings.clone(),
         }
-        if let Some(whose) = match self.fixed {
+    }
+
+    fn quantities(&self) -> Vec<Quantity> {
+        let Isometry3 { rotation, translation } = self.pose();
+        let turn = rotation.scaled_axis().map(f64::to_degrees);
+        let axes = |name: &str, unit: &'static str, value: Vector3<f64>, sigma: [f64; 3]| {
+            Quantity::along_axes(name, (unit, 1.0), value.data.0[0].map(Some), sigma.map(Some))
+        };
+        let mut quantities = vec![
+            axes("rotation vector of R_second_first", "°", turn, self.rotation_sigma.map(f64::to_degrees)),
+            axes(
+                "position of the first camera in the frame of the second (x right, y down, z forward)",
+                "mm",
+                1e3 * translation.vector,
+                self.translation_sigma.map(|sigma| 1e3 * sigma),
+            ),
+            Quantity::one("distance of the cameras", ("mm", 1e3), self.baseline),
+            Quantity::one("offset of the clocks, t_second − t_first", ("s", 1.0), self.time_offset),
+        ];
+        let rate = |rate| Quantity::one("rate of the second clock minus that of the first", ("ppm", 1e6), rate);
+        quantities.extend(self.clock_rate.map(rate));
+        let row = |frames: FramesOfSecond| {
+            Quantity::one("delay of each row of its frames after the one above it", ("µs", 1e6), frames.line_delay)
+        };
+        quantities.extend(self.frames.map(row));
+        quantities
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        if self.lens_grade.is_some() {
+            notes.push(format!("its lens: {}", self.lens_verdict));
+        }
+        let fixed = match self.fixed {
             [true, true] => Some("both cameras were"),
             [true, false] => Some("the first camera were"),
             [false, true] => Some("the second camera were"),
             [false, false] => None,
-        } {
-            let _ = writeln!(text, "  the intrinsics of {whose} fixed; their σ, if known, are included below");
-        }
-        let pose = self.pose();
-        let vector = pose.rotation.scaled_axis().map(f64::to_degrees);
-        let sigma = self.rotation_sigma.map(f64::to_degrees);
-        let _ = writeln!(
-            text,
-            "  R_second_first, from the first camera's axes to the second's, is a rotation by {:.4}°: rotation vector ({:.4} ± {:.4}, {:.4} ± \
-             {:.4}, {:.4} ± {:.4})°",
-            vector.norm(),
-            vector.x,
-            sigma[0],
-            vector.y,
-            sigma[1],
-            vector.z,
-            sigma[2]
-        );
-        let place = 1e3 * pose.translation.vector;
-        let sigma = self.translation_sigma.map(|sigma| 1e3 * sigma);
-        let _ = writeln!(
-            text,
-            "  the first camera is, seen from the second, at x (right) {:.3} ± {:.3} mm, y (down) {:.3} ± {:.3} mm, z (forward) {:.3} ± {:.3} \
-             mm: the translation of T_second_first",
-            place.x, sigma[0], place.y, sigma[1], place.z, sigma[2]
-        );
-        let _ = writeln!(
-            text,
-            "  the cameras are {:.3} ± {:.3} mm apart",
-            1e3 * self.baseline.value,
-            1e3 * self.baseline.sigma
-        );
-        self.clocks(&mut text);
-        if let Some(frames) = &self.frames {
-            self.shutter(frames, &mut text);
-        }
-        if let Some(FromIdentity { chi_squared, agrees }) = self.from_identity {
+        };
+        notes.extend(fixed.map(|whose| format!("the intrinsics of {whose} fixed; σ includes theirs, if it is known")));
+        notes.push(match self.clock_rate {
+            Some(_) => format!("the offset applies at {:.3} s of the second clock", self.time_offset_at),
+            None => {
+                "no difference between the rates of the clocks was found: a small one takes more than 20 s".to_owned()
+            }
+        });
+        notes.extend(self.frames.iter().flat_map(|frames| self.exposures(frames)));
+        notes.extend(self.from_identity.map(|FromIdentity { chi_squared, agrees }| {
             let verdict = if agrees {
                 "it is the identity within its σ"
             } else {
                 "it is not: the σ or one of the lenses is probably wrong"
             };
-            let _ = writeln!(
-                text,
-                "  frames and events come through the same lens, so the transform should be the identity: {verdict} (χ² {chi_squared:.1}, 6 expected, \
-                 above {RARELY:.1} in 1 of 100 cases)"
-            );
-        }
-        for (one, other, value) in self.correlated() {
-            let _ = writeln!(text, "  {one} and {other} are correlated by {value:.2}");
-        }
-        for finding in &self.findings {
-            let _ = writeln!(text, "  {finding}");
-        }
-        text.truncate(text.trim_end().len());
-        text
-    }
-
-    fn clocks(&self, text: &mut String) {
-        let Uncertain { value, sigma } = self.time_offset;
-        let (way, sign) = if value >= 0.0 { ("later", '+') } else { ("earlier", '-') };
-        let _ = writeln!(
-            text,
-            "  timestamps of the second camera are {:.6} s ± {:.1} µs {way} than the first camera's of the same moment: t_second = t_first {sign} \
-             {:.6} s",
-            value.abs(),
-            1e6 * sigma,
-            value.abs()
-        );
-        match self.clock_rate {
-            Some(Uncertain { value, sigma }) => {
-                let way = if value >= 0.0 { "faster" } else { "slower" };
-                let _ = writeln!(
-                    text,
-                    "  its clock is {:.2} ± {:.2} ppm {way}; the offset applies at {:.3} s of it",
-                    1e6 * value.abs(),
-                    1e6 * sigma,
-                    self.time_offset_at
-                );
-            }
-            None => {
-                let _ = writeln!(
-                    text,
-                    "  no difference between the rates of the clocks was found: a small one takes more than 20 s"
-                );
-            }
-        }
+            format!(
+                "frames and events come through the same lens, so the transform should be the identity: {verdict} (χ² {chi_squared:.1}, 6 expected, above {RARELY:.1} in 1 of 100 cases)"
+            )
+        }));
+        let rows = self.correlations.iter().map(<[f64; COUNT]>::as_slice);
+        notes.extend(correlated(rows, POSE_NAMES.into_iter().chain(NAMES)));
+        notes
     }
 
     /// Describes exposure and shutter of the frames of the second camera.
-    fn shutter(&self, frames: &FramesOfSecond, text: &mut String) {
+    fn exposures(&self, frames: &FramesOfSecond) -> [String; 2] {
         let stamps = frames.stamps.name();
-        let _ = if frames.exposure_known {
-            writeln!(
-                text,
-                "  its timestamps are assumed to be the {stamps} of the exposures; the offset applies to their middle"
+        let exposure = if frames.exposure_known {
+            format!(
+                "its timestamps are assumed to be the {stamps} of the exposures; the offset applies to their middle"
             )
         } else {
             let half = match frames.stamps {
@@ -344,31 +312,19 @@ impl SecondCameraResult {
                     )
                 }
             };
-            writeln!(
-                text,
-                "  the exposure times are not known: the offset is the time between a timestamp and the middle of its exposure{half}"
+            format!(
+                "the exposure times are not known: the offset is the time between a timestamp and the middle of its exposure{half}"
             )
         };
-        let Uncertain { value, sigma } = frames.line_delay;
         let shutter = if frames.rolling_shutter {
             format!(
                 "rolling shutter: {:.2} ms from the first row to the last; the offset applies to the middle row",
-                1e3 * value * f64::from(self.sensor.height)
+                1e3 * frames.line_delay.value * f64::from(self.sensor.height)
             )
         } else {
-            "not significantly different from zero: a global shutter".to_owned()
+            "the delay of rows is not significantly different from zero: a global shutter".to_owned()
         };
-        let _ = writeln!(
-            text,
-            "  each row of its frames is exposed {:.3} ± {:.3} µs after the one above it, {shutter}",
-            1e6 * value,
-            1e6 * sigma
-        );
-    }
-
-    /// Returns pairs of strongly correlated parameters.
-    fn correlated(&self) -> Vec<(&'static str, &'static str, f64)> {
-        correlated(self.correlations.iter().map(<[f64; COUNT]>::as_slice), POSE_NAMES.into_iter().chain(NAMES))
+        [exposure, shutter]
     }
 }
 

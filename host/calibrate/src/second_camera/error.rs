@@ -20,7 +20,7 @@ pub enum SecondCameraError {
     #[error("a second camera belongs to one recording of the first: give only one")]
     SeveralRecordings,
     /// Both recordings are the same.
-    #[error("{file} contains the events of a camera that was already given: give the recording of another camera")]
+    #[error("{file} contains the events of a camera that was already given")]
     SameRecording {
         /// The file name.
         file: String,

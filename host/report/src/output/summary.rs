@@ -56,14 +56,14 @@ fn result(calibration: &CalibrationFile, distances: Option<&RangeInclusive<f64>>
         let _ = write!(text, "; board {:.2} to {:.2} m away", distances.start(), distances.end());
     }
     if let Some(inertial) = &calibration.inertial {
-        let _ = write!(text, "\n{}", inertial.sentences());
+        let _ = write!(text, "\n{}", inertial.description());
     }
     let is_other = |second: &&SecondCameraResult| second.from_identity.is_none();
     for (number, second) in (1..).zip(calibration.second_cameras.iter().filter(is_other)) {
-        let _ = write!(text, "\ncam{number} in exports: {}", second.sentences());
+        let _ = write!(text, "\ncam{number} in exports: {}", second.description());
     }
     for own_frames in calibration.second_cameras.iter().filter(|second| !is_other(second)) {
-        let _ = write!(text, "\n{}", own_frames.sentences());
+        let _ = write!(text, "\n{}", own_frames.description());
     }
     let notes = notes_on(&calibration.stages.recordings);
     [vec![text.trim_end().to_owned()], notes].concat().join("\n")

@@ -4,9 +4,8 @@ use maud::{Markup, html};
 use nalgebra::Isometry3;
 
 use super::chart::{Chart, Color, Series, range_of};
-use super::mount_axes::drawing;
+use super::device;
 use super::numbers::parameters;
-use super::overview::capital;
 use super::page::{Section, scrolling};
 use super::to_copy::python;
 use evcal_calibrate::calibrate::calibrated::Calibrated;
@@ -26,23 +25,17 @@ pub fn section(calibrated: &Calibrated) -> Option<Section> {
 }
 
 fn one(second: &SecondCamera) -> Markup {
-    let sentences = SecondCameraResult::new(second).sentences();
-    let mut lines = sentences.lines();
+    let description = SecondCameraResult::new(second).description();
     let seen = if second.frames.is_some() { Seen::POINTS } else { Seen::EVENTS };
     let result = &second.calibration.mount.second_first;
     html! {
-        p { (capital(lines.next().unwrap_or_default().trim())) }
-        ul { @for sentence in lines { li { (capital(sentence.trim())) } } }
-        @if let Ok(camera) = second.camera.camera() {
-            @let sigma: Vec<f64> = camera.kind().parameter_names().iter().map(|name| second.sigma.parameters.get(name).unwrap_or(0.0)).collect();
-            (scrolling("Lens of the second camera", &parameters(&camera, &sigma, None)))
-            details.screen { summary { "To copy: OpenCV, in Python" } pre { (python(&camera)) (transform(result)) } }
-        }
+        (device::description(&description, "second camera", ["first", "second"], result))
         div.pair {
-            figure {
-                (drawing("second camera", ["first", "second"], &second.calibration.mount.second_first))
-                figcaption {
-                    "Axes of both cameras (x right, y down, z along the line of sight, away from you); the distance between them is not to scale."
+            @if let Ok(camera) = second.camera.camera() {
+                @let sigma: Vec<f64> = camera.kind().parameter_names().iter().map(|name| second.sigma.parameters.get(name).unwrap_or(0.0)).collect();
+                div {
+                    (scrolling("Lens of the second camera", &parameters(&camera, &sigma, None)))
+                    details.screen { summary { "To copy: OpenCV, in Python" } pre { (python(&camera)) (transform(result)) } }
                 }
             }
             figure {

@@ -251,10 +251,15 @@ fn pixels_not_square(camera: &Camera<f64>, quality: &Quality) -> Option<Finding>
     })
 }
 
+/// Share of folded pixels that is 0.0 %.
+const ONE_CORNER: f64 = 5e-4;
+
 /// Finds a lens that folds over inside the image; `better` is the model that follows the lens better, if there is one.
 fn not_one_to_one(camera: &Camera<f64>, better: Option<ModelKind>, sensor: Sensor) -> Option<Finding> {
     let share = folded_share(camera, sensor);
-    let reason = if share > 0.0 {
+    let reason = if share > 0.0 && share < ONE_CORNER {
+        "the distortion folds over in a corner of the image".to_owned()
+    } else if share > 0.0 {
         format!("the distortion folds over inside the image, at {:.1} % of the pixels", 100.0 * share)
     } else if jumps(camera, sensor) {
         "the distortion jumps or turns back inside the image, where the reported uncertainty is not valid".to_owned()
