@@ -374,7 +374,7 @@ fn files(calibrated: &Calibrated, task: &Task) {
     let folder = tempfile::tempdir().unwrap();
     let written = evcal::write_new_folder(folder.path().join("result"), calibrated, task).unwrap();
     let folder = folder.path().join("result");
-    assert!(written.summary.result.contains("stamps of the gyroscope are 2."), "{}", written.summary.result);
+    assert!(written.summary.result.contains("t_gyroscope − t_events: 2."), "{}", written.summary.result);
     let json = &read_json(&folder.join("calibration.json"))["inertial"];
     assert!(json["verdict"].as_str().is_some_and(|verdict| verdict.starts_with("Good: the rotation is known to ")));
     assert!(written.summary.result.contains(json["verdict"].as_str().unwrap()), "{}", written.summary.result);

@@ -160,7 +160,7 @@ fn wrong_second_recordings_are_rejected() {
     let session = session().join("events.dvraw");
     let copy = scratch.path().join("copy.dvraw");
     fs::copy(&session, &copy).unwrap();
-    let result = rejected("already given: give the recording", &[text(&session), "--with", text(&copy)]);
+    let result = rejected("already given; give the recording", &[text(&session), "--with", text(&copy)]);
     assert!(result.join("calibration.json").exists());
     let other = made(
         "second-camera-other",

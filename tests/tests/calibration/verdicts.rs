@@ -304,15 +304,17 @@ fn the_accelerometer_shows_whether_the_image_is_mirrored() {
         let options = ["--model", RADTAN.model, "--board", BOARD, "--imu", text(&samples), "-o", text(&output)];
         let finished = evcal(&[&["calibrate", text(&file)][..], &options].concat());
         let result = read_json(&output.join("calibration.json"));
-        assert_eq!(result["input_files"][1]["path"], text(&samples));
-        (finished.code, result["verdict"].clone(), result["inertial"].clone())
+        (finished.code, result)
     };
-    let (code, mirrored, _) = verdict("mirrored", |[x, y]| [x, 259 - y]);
-    assert!(names(&mirrored, "mirrored-image") && mirrored["grade"] == "not-good", "{mirrored:#}");
+    let (code, result) = verdict("mirrored", |[x, y]| [x, 259 - y]);
+    let mirrored = &result["verdict"];
+    assert!(names(mirrored, "mirrored-image") && mirrored["grade"] == "not-good", "{mirrored:#}");
     assert_eq!(code, Some(1));
-    let (code, upright, inertial) = verdict("upright", |place| place);
-    assert!(!names(&upright, "mirrored-image") && !names(&upright, "orientation-not-checked"), "{upright:#}");
+    let (code, result) = verdict("upright", |place| place);
+    let (upright, inertial, read) = (&result["verdict"], &result["inertial"], &result["input_files"]);
+    assert!(!names(upright, "mirrored-image") && !names(upright, "orientation-not-checked"), "{upright:#}");
     assert_eq!((code, &upright["grade"]), (Some(0), &Value::from("good")), "{upright:#}");
+    assert_eq!(read[1]["path"], text(&samples));
     // The samples have no noise, and the axes of the IMU are the camera's: what is left is the error of the trajectory.
     for axis in 0..3 {
         let error = inertial["T_imu_camera"][(axis + 2) % 3][(axis + 1) % 3].as_f64().unwrap();

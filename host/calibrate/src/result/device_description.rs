@@ -2,8 +2,33 @@
 
 use std::fmt;
 
-use super::inertial_result::Uncertain;
 use evcal_geometry::numerics::statistics::decimals;
+use serde::{Deserialize, Serialize};
+
+/// A number with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Uncertain<T> {
+    /// The number; `None` or null if it was not measured.
+    pub value: T,
+    /// Its standard deviation.
+    pub sigma: T,
+}
+
+/// A unit, and the factor from the unit of a result to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unit {
+    /// Its symbol; empty for a ratio.
+    pub name: &'static str,
+    /// The factor.
+    pub factor: f64,
+}
+
+impl Unit {
+    /// No unit.
+    pub const RATIO: Self = Self { name: "", factor: 1.0 };
+    /// Of a length in metres.
+    pub const MILLIMETRE: Self = Self { name: "mm", factor: 1e3 };
+}
 
 /// A number as it is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,22 +67,17 @@ pub struct Quantity {
 }
 
 impl Quantity {
-    /// Returns a quantity along three axes; values and standard deviations are multiplied by `factor`.
-    pub fn along_axes(
-        name: &str,
-        (unit, factor): (&'static str, f64),
-        value: [Option<f64>; 3],
-        sigma: [Option<f64>; 3],
-    ) -> Self {
+    /// Returns a quantity along three axes.
+    pub fn along_axes(name: &str, unit: Unit, value: [Option<f64>; 3], sigma: [Option<f64>; 3]) -> Self {
         let shown =
-            value.into_iter().zip(sigma).map(|(value, sigma)| Some(Shown::new(factor * value?, factor * sigma?)));
-        Self { name: name.to_owned(), unit, values: shown.collect() }
+            |(value, sigma): (Option<f64>, Option<f64>)| Some(Shown::new(unit.factor * value?, unit.factor * sigma?));
+        Self { name: name.to_owned(), unit: unit.name, values: value.into_iter().zip(sigma).map(shown).collect() }
     }
 
-    /// Returns one number; it and its standard deviation are multiplied by `factor`.
-    pub fn one(name: &str, (unit, factor): (&'static str, f64), number: Uncertain<f64>) -> Self {
-        let shown = Shown::new(factor * number.value, factor * number.sigma);
-        Self { name: name.to_owned(), unit, values: vec![Some(shown)] }
+    /// Returns one number.
+    pub fn one(name: &str, unit: Unit, number: Uncertain<f64>) -> Self {
+        let shown = Shown::new(unit.factor * number.value, unit.factor * number.sigma);
+        Self { name: name.to_owned(), unit: unit.name, values: vec![Some(shown)] }
     }
 
     /// Returns numbers without standard deviations.
@@ -114,10 +134,10 @@ mod tests {
     #[test]
     fn quantities_have_the_decimals_of_their_standard_deviation() {
         let (value, sigma) = ([Some(1e-3), None, Some(-2e-3)], [Some(1.2e-5), None, Some(1e-3)]);
-        let place = Quantity::along_axes("position", ("mm", 1e3), value, sigma);
+        let place = Quantity::along_axes("position", Unit::MILLIMETRE, value, sigma);
         assert_eq!(place.to_string(), "position: 1.000 ± 0.012, not measured, -2.0 ± 1.0 mm");
         assert_eq!(place.known_if(false).to_string(), "position: not measured");
-        let ratio = Quantity::one("size", ("", 1.0), Uncertain { value: 1.0012, sigma: 0.0032 });
+        let ratio = Quantity::one("size", Unit::RATIO, Uncertain { value: 1.0012, sigma: 0.0032 });
         assert_eq!(ratio.to_string(), "size: 1.0012 ± 0.0032");
         assert_eq!(Quantity::plain("noise".to_owned(), "µg/√Hz", &[67.4], 0).to_string(), "noise: 67 µg/√Hz");
     }

@@ -13,7 +13,7 @@ use crate::inertial::parameters::{
 use crate::inertial::stream::StreamReport;
 use crate::quality::verdict::{Cause, Grade};
 use crate::result::correlated::{POSE_NAMES, correlated};
-use crate::result::device_description::{DeviceDescription, Quantity};
+use crate::result::device_description::{DeviceDescription, Quantity, Uncertain, Unit};
 use evcal_geometry::lens::camera_file::CameraDescription;
 use evcal_geometry::numerics::gravity::STANDARD_GRAVITY;
 use evcal_geometry::numerics::rigid::pose_of_rows;
@@ -43,15 +43,6 @@ const NAMES: [&str; GYROSCOPE_TURN - POSE_NAMES.len()] = [
     "misalignment of the gyroscope (z by y)",
     "scale of the gyroscope along z",
 ];
-
-/// A number with its standard deviation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Uncertain<T> {
-    /// The number; `None` or null if it was not measured.
-    pub value: T,
-    /// Its standard deviation.
-    pub sigma: T,
-}
 
 /// One of the two sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -239,23 +230,21 @@ impl InertialResult {
 
     fn quantities(&self) -> Vec<Quantity> {
         const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+        const DEGREE: Unit = Unit { name: "°", factor: DEGREES };
+        const PER_SECOND: Unit = Unit { name: "°/s", factor: DEGREES };
+        const MILLI_G: Unit = Unit { name: "mg", factor: 1e3 / STANDARD_GRAVITY };
         let rotation = self.imu_from_camera.as_ref().map(|rows| pose_of_rows(rows).rotation.scaled_axis());
         let place = &self.position_in_camera;
-        let axes = |name: &str, unit: (&'static str, f64), value: [f64; 3], sigma: [f64; 3]| {
+        let axes = |name: &str, unit: Unit, value: [f64; 3], sigma: [f64; 3]| {
             Quantity::along_axes(name, unit, value.map(Some), sigma.map(Some))
         };
         let diagonal = |matrix: &[[f64; 3]; 3]| std::array::from_fn(|axis| matrix[axis][axis]);
         let mut quantities = vec![
-            axes(
-                "rotation vector of R_imu_camera",
-                ("°", DEGREES),
-                rotation.unwrap_or_default().into(),
-                self.rotation_sigma,
-            )
-            .known_if(rotation.is_some()),
+            axes("rotation vector of R_imu_camera", DEGREE, rotation.unwrap_or_default().into(), self.rotation_sigma)
+                .known_if(rotation.is_some()),
             Quantity::along_axes(
                 "position of the IMU in the camera frame (x right, y down, z forward)",
-                ("mm", 1e3),
+                Unit::MILLIMETRE,
                 place.value,
                 place.sigma,
             ),
@@ -263,13 +252,15 @@ impl InertialResult {
         let sensors = [("gyroscope", &self.gyroscope), ("accelerometer", &self.accelerometer)];
         for (name, sensor) in sensors {
             let delay = format!("delay of the {name}, t_{name} − t_events");
-            quantities.push(Quantity::one(&delay, ("ms", 1e3), sensor.delay).known_if(sensor.delay_measured));
+            quantities.push(
+                Quantity::one(&delay, Unit { name: "ms", factor: 1e3 }, sensor.delay).known_if(sensor.delay_measured),
+            );
         }
-        for ((name, sensor), unit) in sensors.into_iter().zip([("°/s", DEGREES), ("mg", 1e3 / STANDARD_GRAVITY)]) {
+        for ((name, sensor), unit) in sensors.into_iter().zip([PER_SECOND, MILLI_G]) {
             let scale = (diagonal(&sensor.matrix), diagonal(&sensor.matrix_sigma));
             quantities.extend([
                 axes(&format!("bias of the {name}"), unit, sensor.bias.value, sensor.bias.sigma),
-                axes(&format!("scale of the {name}"), ("", 1.0), scale.0, scale.1).known_if(sensor.matrix_measured),
+                axes(&format!("scale of the {name}"), Unit::RATIO, scale.0, scale.1).known_if(sensor.matrix_measured),
             ]);
         }
         let gravity: [f64; 3] = Vector3::from(self.gravity).normalize().into();
@@ -286,7 +277,7 @@ impl InertialResult {
             quantities.push(Quantity::plain(format!("noise of the {name}{source}"), unit, &[mean], decimals));
         }
         let size = "size of the board by the accelerometer / stated size";
-        quantities.push(Quantity::one(size, ("", 1.0), self.board_scale));
+        quantities.push(Quantity::one(size, Unit::RATIO, self.board_scale));
         quantities
     }
 

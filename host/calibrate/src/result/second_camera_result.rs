@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::calibrate::mounted::{SecondCamera, SecondFrames};
 use crate::quality::verdict::{Cause, Grade};
 use crate::result::correlated::{POSE_NAMES, correlated};
-use crate::result::device_description::{DeviceDescription, Quantity};
-use crate::result::inertial_result::Uncertain;
+use crate::result::device_description::{DeviceDescription, Quantity, Uncertain, Unit};
 use crate::second_camera::calibration::SecondCalibration;
 use crate::second_camera::mount::{COUNT, LINE_DELAY, OFFSET, RATE, ROTATION, TRANSLATION};
 use evcal_geometry::lens::camera_file::CameraDescription;
@@ -238,25 +237,29 @@ impl SecondCameraResult {
 
     fn quantities(&self) -> Vec<Quantity> {
         let Isometry3 { rotation, translation } = self.pose();
-        let turn = rotation.scaled_axis().map(f64::to_degrees);
-        let axes = |name: &str, unit: &'static str, value: Vector3<f64>, sigma: [f64; 3]| {
-            Quantity::along_axes(name, (unit, 1.0), value.data.0[0].map(Some), sigma.map(Some))
+        let turn = rotation.scaled_axis();
+        let axes = |name: &str, unit: Unit, value: Vector3<f64>, sigma: [f64; 3]| {
+            Quantity::along_axes(name, unit, value.data.0[0].map(Some), sigma.map(Some))
         };
+        const DEGREE: Unit = Unit { name: "°", factor: 180.0 / std::f64::consts::PI };
+        const SECOND: Unit = Unit { name: "s", factor: 1.0 };
+        const MILLIONTH: Unit = Unit { name: "ppm", factor: 1e6 };
+        const MICROSECOND: Unit = Unit { name: "µs", factor: 1e6 };
         let mut quantities = vec![
-            axes("rotation vector of R_second_first", "°", turn, self.rotation_sigma.map(f64::to_degrees)),
+            axes("rotation vector of R_second_first", DEGREE, turn, self.rotation_sigma),
             axes(
                 "position of the first camera in the frame of the second (x right, y down, z forward)",
-                "mm",
-                1e3 * translation.vector,
-                self.translation_sigma.map(|sigma| 1e3 * sigma),
+                Unit::MILLIMETRE,
+                translation.vector,
+                self.translation_sigma,
             ),
-            Quantity::one("distance of the cameras", ("mm", 1e3), self.baseline),
-            Quantity::one("offset of the clocks, t_second − t_first", ("s", 1.0), self.time_offset),
+            Quantity::one("distance of the cameras", Unit::MILLIMETRE, self.baseline),
+            Quantity::one("offset of the clocks, t_second − t_first", SECOND, self.time_offset),
         ];
-        let rate = |rate| Quantity::one("rate of the second clock minus that of the first", ("ppm", 1e6), rate);
+        let rate = |rate| Quantity::one("rate of the second clock minus that of the first", MILLIONTH, rate);
         quantities.extend(self.clock_rate.map(rate));
         let row = |frames: FramesOfSecond| {
-            Quantity::one("delay of each row of its frames after the one above it", ("µs", 1e6), frames.line_delay)
+            Quantity::one("delay of each row of its frames after the one above it", MICROSECOND, frames.line_delay)
         };
         quantities.extend(self.frames.map(row));
         quantities

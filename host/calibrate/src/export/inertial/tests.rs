@@ -9,7 +9,7 @@ use yaml_rust2::{Yaml, YamlLoader};
 use super::*;
 use crate::export::second_camera::tests::result;
 use crate::quality::verdict::Grade;
-use crate::result::inertial_result::Uncertain;
+use crate::result::device_description::Uncertain;
 use evcal_geometry::lens::camera_file::CameraDescription;
 
 const DELAY: f64 = 0.002_781;

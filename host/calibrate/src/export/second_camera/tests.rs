@@ -7,7 +7,7 @@ use yaml_rust2::{Yaml, YamlLoader};
 
 use super::*;
 use crate::quality::verdict::Grade;
-use crate::result::inertial_result::Uncertain;
+use crate::result::device_description::Uncertain;
 use evcal_geometry::lens::camera_file::CameraDescription;
 
 const SENSOR: Sensor = Sensor::new(80, 60);
